@@ -1,0 +1,19 @@
+"""What can be wrong with what a user hands to `pec`."""
+
+__all__ = ["CheckpointError", "CloudError", "ConfigError", "DatasetError"]
+
+
+class CloudError(ValueError):
+    """A cloud that cannot be classified: wrong shape, a value that is not finite, or too few points."""
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that is missing, broken, or of another network or class list than the one expected."""
+
+
+class DatasetError(ValueError):
+    """A data set that is missing, broken, unfinished, or lacks a class that was asked for."""
+
+
+class ConfigError(ValueError):
+    """A setting that makes no sense, or settings that contradict each other."""
