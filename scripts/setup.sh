@@ -54,6 +54,7 @@ install_packages() {
 # Debian 12's own Mesa (22.3) lacks a Vulkan feature that SAPIEN needs; the backports have it. The mirror is the one in use.
 add_backports() {
     local mirror
+    apt-get update -qq
     mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Codename: bookworm' | head -n 1)
     [ -n "$mirror" ] || die "no Debian mirror is configured: add bookworm-backports by hand, then start again"
     printf 'Types: deb\nURIs: %s\nSuites: bookworm-backports\nComponents: main\nSigned-By: /usr/share/keyrings/debian-archive-keyring.gpg\n' \
@@ -62,10 +63,9 @@ add_backports() {
 
 install_driver() {
     local release=()
-    if has_apt && is_root && grep -q 'VERSION_CODENAME=bookworm' /etc/os-release; then
-        apt-get update -qq
-        add_backports
+    if has_apt && grep -q 'VERSION_CODENAME=bookworm' /etc/os-release; then
         release=(-t bookworm-backports)
+        ! is_root || add_backports
     fi
     apt_install "SAPIEN finds no Vulkan device" "${release[@]}" libvulkan1 mesa-vulkan-drivers
     .venv/bin/python -m pecgrasp_env.doctor || die "the driver is installed, but nothing renders: see the report above"
