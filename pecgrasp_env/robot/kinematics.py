@@ -1,0 +1,172 @@
+"""Forward and analytic inverse kinematics of the UR5, and where tool0 must be for a grasp. NumPy only.
+
+Frames: `base_link` is the robot's URDF base, turned by π about z against the DH base frame; `tool0` is the flange.
+All transforms are (4, 4) float64, metres; joint vectors are (6,) float64, radians, shoulder pan first.
+The DH table is Universal Robots' (CB3 UR5); the closed form follows Hawkins, "Analytic inverse kinematics for the
+Universal Robots UR-5/UR-10 arms" (2013), with arctangents in place of arc cosines where these lose digits.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from pecgrasp_env.robot import linkage
+
+# a (m), d (m), alpha (rad): standard Denavit-Hartenberg
+DH = np.array(
+    [
+        [0.0, 0.089159, np.pi / 2],
+        [-0.42500, 0.0, 0.0],
+        [-0.39225, 0.0, 0.0],
+        [0.0, 0.10915, np.pi / 2],
+        [0.0, 0.09465, -np.pi / 2],
+        [0.0, 0.0823, 0.0],
+    ]
+)
+# The elbow could turn ±2π too; ±π is the usual choice for planning and loses no pose.
+JOINT_LIMITS = np.array([[-2 * np.pi, 2 * np.pi]] * 2 + [[-np.pi, np.pi]] + [[-2 * np.pi, 2 * np.pi]] * 3)
+
+COUPLER = 0.006  # m, thickness of the plate between the flange and the gripper
+
+
+def _transform(rotation: list[list[float]], translation: tuple[float, float, float]) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = translation
+    matrix.setflags(write=False)
+    return matrix
+
+
+# The gripper's closing axis (its y) lies along tool0's x, so that a grasp frame is tool0 pushed forward along z.
+T_TOOL0_GRIPPER = _transform([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], (0, 0, COUPLER))
+# Wrist camera (D435), OpenCV optical frame: 120 mm beside the tool's axis on its -y side, looking along tool0's z,
+# image right = +x and image down = +y of tool0. The fingers stay just below the image's lower edge at every opening.
+T_TOOL0_CAMERA = _transform([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (0, -0.120, 0.055))
+# The fixed tool centre point, in grasp axes (x closing, z approach): the pads' centre of the closed gripper.
+T_TOOL0_TCP = _transform([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (0, 0, COUPLER + float(linkage.pad_depth(0.0))))
+
+_A2, _A3 = DH[1, 0], DH[2, 0]
+_D1, _D4, _D5, _D6 = DH[0, 1], DH[3, 1], DH[4, 1], DH[5, 1]
+_T_BASE_DH = np.diag([-1.0, -1.0, 1.0, 1.0])
+_WRIST_SINGULAR = 1e-7  # |sin q5| below which joints 4 and 6 turn about one line
+_REACH_TOLERANCE = 1e-9  # on a cosine: a pose of a stretched arm may round to just outside
+
+
+def _link_transform(joint: int, angle: float) -> np.ndarray:
+    a, d, alpha = DH[joint]
+    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+    return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
+
+
+def forward_kinematics(q: np.ndarray) -> np.ndarray:
+    """T_base_tool0 (4, 4) at joint angles `q` (6,)."""
+    q = np.asarray(q, dtype=float)
+    if q.shape != (6,):
+        raise ValueError(f"q must have shape (6,), got {q.shape}")
+    T = _T_BASE_DH.copy()
+    for joint, angle in enumerate(q):
+        T = T @ _link_transform(joint, angle)
+    return T
+
+
+def inverse_kinematics(T_base_tool0: np.ndarray, q6_if_free: float = 0.0) -> np.ndarray:
+    """Every posture that puts tool0 at `T_base_tool0` (4, 4): (k, 6) joint angles in (-π, π], k ≤ 8; 0 out of reach.
+
+    Postures that differ by whole turns are listed by `with_turns`. Where the wrist is singular (q5 = 0 or π: only the
+    sum or difference of q4 and q6 is determined) q6 is `q6_if_free`.
+    Raises ValueError if the input is not a finite (4, 4) matrix.
+    """
+    T = np.asarray(T_base_tool0, dtype=float)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise ValueError(f"T_base_tool0 must be a finite (4, 4) matrix, got {T!r}")
+    T = _T_BASE_DH @ T  # the half turn is its own inverse
+    wrist = T[:3, 3] - _D6 * T[:3, 2]
+    radius = np.hypot(wrist[0], wrist[1])
+    if radius < _D4 * (1 - _REACH_TOLERANCE):
+        return np.empty((0, 6))
+    # The wrist stays at distance d4 from the plane of the arm.
+    aim, lean = np.arctan2(wrist[1], wrist[0]), np.arcsin(min(_D4 / radius, 1.0))
+    postures: list[np.ndarray] = []
+    for q1 in (aim + lean, aim + np.pi - lean):
+        s1, c1 = np.sin(q1), np.cos(q1)
+        normal = np.array([s1, -c1, 0.0])  # axis of joints 2, 3, 4
+        across = normal @ T[:3, :3]  # the tool's axes along it: (s5 c6, -s5 s6, c5)
+        sin5 = np.hypot(across[0], across[1])
+        for q5 in (np.arctan2(sin5, across[2]), np.arctan2(-sin5, across[2])):
+            q6 = q6_if_free if sin5 < _WRIST_SINGULAR else np.arctan2(-across[1] / np.sin(q5), across[0] / np.sin(q5))
+            T_14 = (
+                np.linalg.inv(_link_transform(0, q1))
+                @ T
+                @ np.linalg.inv(_link_transform(4, q5) @ _link_transform(5, q6))
+            )
+            postures += [np.array([q1, *elbow, q5, q6]) for elbow in _solve_elbow(T_14)]
+    return _distinct(postures)
+
+
+def _solve_elbow(T_14: np.ndarray) -> list[tuple[float, float, float]]:
+    """(q2, q3, q4) of the planar three-joint chain between frames 1 and 4."""
+    x, y = T_14[0, 3], T_14[1, 3]
+    cos3 = (x * x + y * y - _A2**2 - _A3**2) / (2 * _A2 * _A3)
+    if abs(cos3) > 1 + _REACH_TOLERANCE:
+        return []
+    heading = np.arctan2(T_14[1, 0], T_14[0, 0])  # q2 + q3 + q4
+    sin3 = np.sqrt(max(0.0, 1 - cos3 * cos3))
+    found = []
+    for q3 in (np.arctan2(sin3, cos3), np.arctan2(-sin3, cos3)):
+        q2 = np.arctan2(y, x) - np.arctan2(_A3 * np.sin(q3), _A2 + _A3 * np.cos(q3))
+        found.append((q2, q3, heading - q2 - q3))
+    return found
+
+
+def _distinct(postures: list[np.ndarray]) -> np.ndarray:
+    """Wrap to (-π, π] and drop doubles, which a singular pose produces."""
+    kept: list[np.ndarray] = []
+    for q in postures:
+        q = -((-q + np.pi) % (2 * np.pi) - np.pi)
+        if all(np.abs(np.angle(np.exp(1j * (q - other)))).max() > 1e-9 for other in kept):
+            kept.append(q)
+    return np.array(kept).reshape(-1, 6)
+
+
+def with_turns(postures: np.ndarray) -> np.ndarray:
+    """All postures within the joint limits that equal those of `postures` (k, 6) up to whole turns: (m, 6)."""
+    rows = []
+    for q in np.asarray(postures, dtype=float).reshape(-1, 6):
+        choices = [
+            [value + turn for turn in (-2 * np.pi, 0.0, 2 * np.pi) if low <= value + turn <= high]
+            for value, (low, high) in zip(q, JOINT_LIMITS, strict=True)
+        ]
+        rows += list(itertools.product(*choices))
+    return np.array(rows).reshape(-1, 6)
+
+
+def nearest_solution(T_base_tool0: np.ndarray, q_ref: np.ndarray) -> np.ndarray | None:
+    """The posture within limits that reaches `T_base_tool0` with the least motion (Euclidean, rad) from `q_ref` (6,).
+
+    None where the pose is out of reach. At a wrist singularity joint 6 stays where it is.
+    """
+    q_ref = np.asarray(q_ref, dtype=float)
+    postures = inverse_kinematics(T_base_tool0, q6_if_free=float(q_ref[5]))
+    if len(postures) == 0:
+        return None
+    # Joint by joint the nearest turn is best, and each joint's limits are its own.
+    turned = postures[..., None] + np.array([-2 * np.pi, 0.0, 2 * np.pi])
+    distance = np.abs(turned - q_ref[:, None])
+    distance[(turned < JOINT_LIMITS[:, :1]) | (turned > JOINT_LIMITS[:, 1:])] = np.inf
+    best = np.take_along_axis(turned, distance.argmin(-1)[..., None], -1)[..., 0]
+    return best[np.linalg.norm(best - q_ref, axis=1).argmin()]
+
+
+def tool0_from_grasp(T_base_grasp: np.ndarray, width: float) -> np.ndarray:
+    """T_base_tool0 (4, 4) that has the pads' centre at a grasp's origin when the opening is `width` (m).
+
+    The grasp frame is z approach, x closing, origin midway between the pads. The pads' depth changes by 29 mm over the
+    stroke; `width` is therefore the opening at contact. Raises ValueError for a width outside 0 … 0.14.
+    """
+    if not 0.0 <= width <= linkage.STROKE:
+        raise ValueError(f"width must be within 0 … {linkage.STROKE} m, got {width}")
+    T = np.array(T_base_grasp, dtype=float)
+    T[:3, 3] -= (COUPLER + float(linkage.pad_depth(width))) * T[:3, 2]
+    return T
