@@ -1,0 +1,167 @@
+"""A checkpoint is a directory of documented files, replaced as a whole; nothing in it is a pickle.
+
+config.json               network, classes, preprocessing, temperature, versions, the epoch it is of
+model.safetensors         weights and batch-norm statistics
+training_state/           only where training goes on from here
+    optimizer.safetensors     Adam's moments, one tensor a parameter
+    progress.json             epoch, history, best so far, the configuration. Random draws are seeded by (seed, epoch),
+                              so there is no generator state to keep.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from pec.errors import CheckpointError, ConfigError
+from pec.network import PEC
+from pec.preprocess import Preprocess
+
+__all__ = ["Checkpoint", "TrainingState", "read_checkpoint", "read_training_state", "write_checkpoint"]
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What is needed to classify a cloud."""
+
+    model: PEC
+    classes: list[str]
+    preprocess: Preprocess
+    temperature: float
+    epoch: int
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """What is needed to go on training."""
+
+    optimizer: dict[str, torch.Tensor]
+    progress: dict[str, Any]
+
+
+def write_checkpoint(
+    directory: str | os.PathLike[str], checkpoint: Checkpoint, state: TrainingState | None = None
+) -> None:
+    """Write `directory` atomically: a reader finds the old checkpoint or the new one."""
+    directory = Path(directory)
+    temporary, old = _siblings(directory)
+    _recover(directory)
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    config = {
+        "format": FORMAT,
+        "network": "pec",
+        "n_points": checkpoint.preprocess.n_points,
+        "classes": checkpoint.classes,
+        "preprocess": asdict(checkpoint.preprocess),
+        "temperature": checkpoint.temperature,
+        "epoch": checkpoint.epoch,
+        "versions": _versions(),
+    }
+    (temporary / "config.json").write_text(json.dumps(config, indent=1) + "\n")
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.model.state_dict().items()}
+    save_file(tensors, temporary / "model.safetensors")
+    if state is not None:
+        (temporary / "training_state").mkdir()
+        save_file(state.optimizer, temporary / "training_state" / "optimizer.safetensors")
+        (temporary / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")
+    # A directory cannot be replaced in one step: between these two renames `old` stands in, see `_recover`.
+    if directory.exists():
+        os.rename(directory, old)
+    os.rename(temporary, directory)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
+    """Read a checkpoint; the model is on the CPU, in evaluation mode.
+
+    Raises CheckpointError where it is missing, incomplete, of another format, or weights and config disagree.
+    """
+    directory = Path(directory)
+    _recover(directory)
+    config = _read_json(directory / "config.json")
+    try:
+        if config["format"] != FORMAT or config["network"] != "pec":
+            raise CheckpointError(
+                f"{directory}/config.json: format {config['format']} of network {config['network']!r}, "
+                f"this package reads format {FORMAT} of 'pec'"
+            )
+        preprocess = Preprocess(**config["preprocess"])
+        classes = [str(name) for name in config["classes"]]
+        temperature, epoch = float(config["temperature"]), int(config["epoch"])
+    except (KeyError, TypeError, ConfigError) as error:
+        raise CheckpointError(f"{directory}/config.json is not a checkpoint's: {error!r}") from error
+    model = PEC(preprocess.n_points, len(classes))
+    tensors = _read_tensors(directory / "model.safetensors")
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise CheckpointError(
+            f"{directory}: the weights do not fit {len(classes)} classes and {preprocess.n_points} points: {error}"
+        ) from error
+    return Checkpoint(model.eval(), classes, preprocess, temperature, epoch)
+
+
+def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | None:
+    """The training state of a checkpoint, or None where there is no checkpoint. Raises CheckpointError if broken."""
+    directory = Path(directory)
+    _recover(directory)
+    if not directory.exists():
+        return None
+    return TrainingState(
+        _read_tensors(directory / "training_state" / "optimizer.safetensors"),
+        _read_json(directory / "training_state" / "progress.json"),
+    )
+
+
+def _siblings(directory: Path) -> tuple[Path, Path]:
+    return directory.with_name(directory.name + ".new.tmp"), directory.with_name(directory.name + ".old.tmp")
+
+
+def _recover(directory: Path) -> None:
+    """Undo a replacement that was killed between its two renames."""
+    _, old = _siblings(directory)
+    if old.exists() and not directory.exists():
+        os.rename(old, directory)
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise CheckpointError(f"no checkpoint: {path} does not exist")
+    try:
+        content = json.loads(path.read_text())
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise CheckpointError(f"{path} is broken: {error}") from error
+    if not isinstance(content, dict):
+        raise CheckpointError(f"{path} is not a checkpoint's: it holds a {type(content).__name__}")
+    return content
+
+
+def _read_tensors(path: Path) -> dict[str, torch.Tensor]:
+    if not path.is_file():
+        raise CheckpointError(f"no checkpoint: {path} does not exist")
+    try:
+        return load_file(path)
+    except SafetensorError as error:
+        raise CheckpointError(f"{path} is broken: {error}") from error
+
+
+def _versions() -> dict[str, str]:
+    try:
+        ours = version("pecgrasp")
+    except PackageNotFoundError:
+        ours = "not installed"
+    return {"pecgrasp": ours, "torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}

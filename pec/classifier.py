@@ -1,0 +1,97 @@
+"""The use of a trained network: a cloud in, a class and a confidence out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+import torch
+
+from pec.checkpoint import Checkpoint, read_checkpoint
+from pec.errors import CheckpointError, CloudError
+from pec.evaluation import predict_log_probabilities
+
+__all__ = ["Classifier", "Prediction"]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """label: the likeliest class. confidence: its calibrated probability. probabilities: of every class, sum 1."""
+
+    label: str
+    confidence: float
+    probabilities: dict[str, float]
+
+
+class Classifier:
+    """Classifies clouds of single objects: `Classifier.load(directory).predict(points)`."""
+
+    def __init__(self, checkpoint: Checkpoint, seed: int = 0) -> None:
+        self._checkpoint = checkpoint
+        self._seed = seed
+
+    @classmethod
+    def load(cls, directory: str | os.PathLike[str], classes: Sequence[str] | None = None, seed: int = 0) -> Classifier:
+        """Load a checkpoint. `classes`: those that the caller counts on, in any order; more or fewer are an error.
+
+        seed: of the random start of farthest point sampling, in the published preprocessing only.
+        Raises CheckpointError where it is missing, broken, or of other classes.
+        """
+        checkpoint = read_checkpoint(directory)
+        if classes is not None and set(classes) != set(checkpoint.classes):
+            raise CheckpointError(
+                f"checkpoint {directory} knows the classes {', '.join(checkpoint.classes)}, not {', '.join(classes)}"
+            )
+        return cls(checkpoint, seed)
+
+    @property
+    def classes(self) -> list[str]:
+        """The class names, in the order of the network's outputs."""
+        return list(self._checkpoint.classes)
+
+    @property
+    def n_points(self) -> int:
+        """The fewest points that a cloud must have."""
+        return self._checkpoint.preprocess.n_points
+
+    @overload
+    def predict(self, points: np.ndarray) -> Prediction: ...
+    @overload
+    def predict(self, points: Sequence[np.ndarray]) -> list[Prediction]: ...
+    def predict(self, points: np.ndarray | Sequence[np.ndarray]) -> Prediction | list[Prediction]:
+        """Classify one cloud (N, 3) of metres in any frame, or a list of clouds.
+
+        A cloud is classified alike alone and in a list. Raises CloudError where a cloud is not finite (N, 3) or has
+        fewer than `n_points` points; in a list it names which one.
+        """
+        if isinstance(points, np.ndarray):
+            return self._predict([self._sample(points)])[0]
+        samples = []
+        for index, cloud in enumerate(points):
+            try:
+                samples.append(self._sample(cloud))
+            except CloudError as error:
+                raise CloudError(f"cloud {index}: {error}") from error
+        return self._predict(samples) if samples else []
+
+    def _sample(self, points: np.ndarray) -> np.ndarray:
+        return self._checkpoint.preprocess.sample(points, np.random.default_rng(self._seed))
+
+    def _predict(self, samples: list[np.ndarray]) -> list[Prediction]:
+        longest = max(len(sample) for sample in samples)
+        candidates = torch.zeros(len(samples), longest, 3)
+        valid = torch.zeros(len(samples), longest, dtype=torch.bool)
+        for index, sample in enumerate(samples):
+            candidates[index, : len(sample)] = torch.from_numpy(sample)
+            valid[index, : len(sample)] = True
+        checkpoint = self._checkpoint
+        log_probabilities = predict_log_probabilities(checkpoint.model, checkpoint.preprocess, candidates, valid)
+        predictions = []
+        for row in (log_probabilities / checkpoint.temperature).softmax(dim=1).tolist():
+            best = max(range(len(row)), key=row.__getitem__)
+            probabilities = dict(zip(checkpoint.classes, row, strict=True))
+            predictions.append(Prediction(checkpoint.classes[best], row[best], probabilities))
+        return predictions

@@ -1,0 +1,94 @@
+"""Predictions over many clouds, and what they are worth: accuracy, confusion, calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from pec.network import PEC
+from pec.preprocess import Preprocess
+
+__all__ = ["Scores", "expected_calibration_error", "fit_temperature", "predict_log_probabilities", "score"]
+
+_BATCH = 1024  # clouds at once: bounds memory, changes no result
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Accuracy in [0, 1], mean cross-entropy, confusion[truth][prediction] counts, accuracy of each class."""
+
+    accuracy: float
+    loss: float
+    confusion: list[list[int]]
+    per_class: list[float]
+    calibration_error: float
+
+
+@torch.no_grad()
+def predict_log_probabilities(
+    model: PEC, preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor
+) -> torch.Tensor:
+    """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses."""
+    results = []
+    for begin in range(0, len(candidates), _BATCH):
+        block, block_valid = candidates[begin : begin + _BATCH], valid[begin : begin + _BATCH]
+        views = [
+            model(preprocess.arrange(block, block_valid, torch.full((len(block),), view, device=block.device)))
+            for view in range(preprocess.n_views)
+        ]
+        results.append(average_views(torch.stack(views)))
+    return torch.cat(results)
+
+
+def average_views(logits: torch.Tensor) -> torch.Tensor:
+    """(V, B, C) logits → (B, C) log of the mean probability over the V views."""
+    return torch.logsumexp(logits.log_softmax(dim=2), dim=0) - torch.tensor(float(len(logits))).log()
+
+
+def score(log_probabilities: torch.Tensor, labels: torch.Tensor, temperature: float = 1.0) -> Scores:
+    """Scores of (B, C) log-probabilities against (B,) labels."""
+    n_classes = log_probabilities.shape[1]
+    tempered = (log_probabilities / temperature).log_softmax(dim=1)
+    predicted = tempered.argmax(dim=1)
+    confusion = torch.zeros(n_classes, n_classes, dtype=torch.int64)
+    confusion.index_put_((labels.cpu(), predicted.cpu()), torch.ones(len(labels), dtype=torch.int64), accumulate=True)
+    return Scores(
+        accuracy=(predicted == labels).double().mean().item(),
+        loss=torch.nn.functional.nll_loss(tempered, labels).item(),
+        confusion=confusion.tolist(),
+        per_class=(confusion.diag() / confusion.sum(dim=1).clamp_min(1)).tolist(),
+        calibration_error=expected_calibration_error(tempered.exp(), labels),
+    )
+
+
+def expected_calibration_error(probabilities: torch.Tensor, labels: torch.Tensor, n_bins: int = 15) -> float:
+    """Mean |confidence - accuracy| over `n_bins` equal bins of confidence, weighted by their share of samples."""
+    confidence, predicted = probabilities.max(dim=1)
+    correct = (predicted == labels).to(probabilities.dtype)
+    bins = (confidence * n_bins).long().clamp_max(n_bins - 1)
+    gap = torch.zeros(n_bins, dtype=probabilities.dtype, device=probabilities.device)
+    gap.index_add_(0, bins, confidence - correct)
+    return (gap.abs().sum() / len(labels)).item()
+
+
+def fit_temperature(log_probabilities: torch.Tensor, labels: torch.Tensor) -> float:
+    """The temperature in [0.05, 20] that minimises the cross-entropy (Guo et al. 2017), by golden section in its log.
+
+    The cross-entropy is convex in 1 / temperature, so there is one minimum.
+    """
+    scores = log_probabilities.double()
+
+    def loss(log_temperature: float) -> float:
+        temperature = torch.tensor(log_temperature, dtype=torch.float64).exp()
+        return torch.nn.functional.cross_entropy(scores / temperature, labels).item()
+
+    low, high = float(torch.tensor(0.05).log()), float(torch.tensor(20.0).log())
+    ratio = (5**0.5 - 1) / 2
+    while high - low > 1e-3:
+        first, second = high - ratio * (high - low), low + ratio * (high - low)
+        if loss(first) <= loss(second):
+            high = second
+        else:
+            low = first
+    return float(torch.tensor((low + high) / 2).exp())

@@ -1,0 +1,64 @@
+"""Orders of points: the published grouping, and fixed positions that each take their nearest point."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import torch
+
+__all__ = ["anchor_positions", "group_order", "nearest_candidates"]
+
+
+def group_order(points: torch.Tensor, group_size: int) -> torch.Tensor:
+    """The published grouping: indices (B, n) into `points` (B, n, 3), which are centred; group_size divides n.
+
+    Seed = first remaining point; it and its nearest remaining ones, nearest first, form a group of `group_size`;
+    repeat. The groups are then sorted by the distance of their centroid to the origin.
+    """
+    batch, n, _ = points.shape
+    taken = torch.zeros(batch, n, dtype=torch.bool, device=points.device)
+    priority = torch.arange(n, 0, -1, device=points.device)
+    groups = []
+    for _ in range(n // group_size):
+        seed = (priority * ~taken).argmax(dim=1)
+        squared = (points - points[torch.arange(batch, device=points.device), seed, None]).square().sum(dim=2)
+        members = squared.masked_fill(taken, torch.inf).topk(group_size, dim=1, largest=False).indices
+        taken.scatter_(1, members, True)
+        groups.append(members)
+    order = torch.stack(groups, dim=1)
+    centroids = (
+        points.gather(1, order.flatten(1)[..., None].expand(-1, -1, 3)).unflatten(1, order.shape[1:]).mean(dim=2)
+    )
+    by_distance = centroids.norm(dim=2).argsort(dim=1, stable=True)
+    return order.gather(1, by_distance[..., None].expand_as(order)).flatten(1)
+
+
+@lru_cache(maxsize=8)
+def anchor_positions(n: int) -> torch.Tensor:
+    """Fixed positions (n, 3) in units of a cloud's standard deviation along each axis: three Fibonacci shells."""
+    sizes = [n // 8, (3 * n) // 8]
+    sizes.append(n - sum(sizes))
+    shells = [radius * _fibonacci_sphere(size) for radius, size in zip((0.5, 1.2, 2.0), sizes, strict=True)]
+    return torch.from_numpy(np.concatenate(shells).astype(np.float32))
+
+
+def _fibonacci_sphere(n: int) -> np.ndarray:
+    """n nearly uniform unit vectors."""
+    z = 1 - (2 * np.arange(n) + 1) / n
+    angle = np.pi * (1 + 5**0.5) * np.arange(n)
+    radius = np.sqrt(1 - z**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def nearest_candidates(candidates: torch.Tensor, valid: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
+    """For each anchor (n, 3) the index (B, n) of its nearest valid candidate (B, K, 3); one may serve several anchors.
+
+    Distances are taken in units of the cloud's spread along each axis, so that small and flat clouds use all anchors.
+    """
+    weight = valid[..., None].to(candidates.dtype)
+    spread = ((candidates.square() * weight).sum(dim=1) / weight.sum(dim=1)).sqrt()
+    scaled = candidates / spread.clamp_min(1e-9)[:, None]
+    # |a - c|² without |a|², which no choice of c changes.
+    score = scaled.square().sum(dim=2)[:, None] - 2 * anchors @ scaled.transpose(1, 2)
+    return score.masked_fill(~valid[:, None], torch.inf).argmin(dim=2)

@@ -1,0 +1,136 @@
+"""From a raw cloud to the ordered points that the network takes.
+
+Two steps, because the first is slow and needs the raw cloud, and the second is quick and must follow each augmentation:
+
+1. `Preprocess.sample`: centre, then farthest point sampling to at most `n_candidates` points (NumPy, one cloud).
+2. `Preprocess.arrange`: pose, then ordering, to exactly `n_points` points (torch, a batch).
+
+Published (the dissertation's): n_candidates = n_points, pose "given", ordering "groups" (or "none").
+Canonical (ours): turn the cloud to its principal axes and let each of n fixed positions take its nearest candidate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from pec.errors import CloudError, ConfigError
+from pec.ordering import anchor_positions, group_order, nearest_candidates
+from pec.pose import principal_pose
+
+__all__ = ["Preprocess", "check_cloud", "farthest_point_sampling"]
+
+ORDERINGS = ("none", "groups", "anchors")
+POSES = ("given", "principal")
+
+
+def check_cloud(points: np.ndarray, n_points: int) -> np.ndarray:
+    """`points` as a finite (N, 3) array with N ≥ n_points.
+
+    Raises CloudError that says what is wrong otherwise.
+    """
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise CloudError(f"a cloud must have shape (N, 3), got {points.shape}")
+    if not np.issubdtype(points.dtype, np.floating):
+        raise CloudError(f"a cloud must hold floats (metres), got {points.dtype}")
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        raise CloudError(f"{np.count_nonzero(~finite)} of {len(points)} points are not finite; drop them first")
+    if len(points) < n_points:
+        raise CloudError(f"the network takes {n_points} points, the cloud has only {len(points)}")
+    return points
+
+
+def farthest_point_sampling(points: np.ndarray, n: int, start: int) -> np.ndarray:
+    """Indices (n,) of a farthest point sampling of `points` (N, 3), N ≥ n, beginning with index `start`.
+
+    Each further point is the one farthest from all chosen so far; of equally far ones the first.
+    """
+    # One row an axis and sums in place: about ten times as fast as the obvious (N, 3) form.
+    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
+    squared = np.full(len(x), np.inf, np.float32)
+    distance, term = np.empty_like(x), np.empty_like(x)
+    indices = np.empty(n, np.int64)
+    index = start
+    for k in range(n):
+        indices[k] = index
+        np.subtract(x, x[index], out=distance)
+        np.multiply(distance, distance, out=distance)
+        for axis in (y, z):
+            np.subtract(axis, axis[index], out=term)
+            np.multiply(term, term, out=term)
+            np.add(distance, term, out=distance)
+        np.minimum(squared, distance, out=squared)
+        index = int(squared.argmax())
+    return indices
+
+
+@dataclass(frozen=True)
+class Preprocess:
+    """How a cloud becomes the network's input; part of a checkpoint.
+
+    n_points: points that the network takes. n_candidates: points that FPS leaves for the ordering to pick from.
+    start: "random" first point of FPS (published), or "farthest" from the centroid (no chance in it).
+    pose: "given", or "principal" (axes of the cloud's covariance, signs by third moments).
+    ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions).
+    """
+
+    n_points: int = 64
+    n_candidates: int = 64
+    start: str = "random"
+    pose: str = "given"
+    ordering: str = "groups"
+    group_size: int = 16
+
+    def __post_init__(self) -> None:
+        if self.ordering not in ORDERINGS:
+            raise ConfigError(f"preprocess.ordering must be one of {ORDERINGS}, got {self.ordering!r}")
+        if self.pose not in POSES:
+            raise ConfigError(f"preprocess.pose must be one of {POSES}, got {self.pose!r}")
+        if self.start not in ("random", "farthest"):
+            raise ConfigError(f"preprocess.start must be 'random' or 'farthest', got {self.start!r}")
+        if self.n_points < 2 or self.n_points % 2:
+            raise ConfigError(f"preprocess.n_points must be even and positive, got {self.n_points}")
+        if self.n_candidates < self.n_points:
+            raise ConfigError(f"preprocess.n_candidates {self.n_candidates} is less than n_points {self.n_points}")
+        if self.ordering != "anchors" and self.n_candidates != self.n_points:
+            raise ConfigError(
+                f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
+            )
+        if self.ordering == "groups" and (self.group_size < 1 or self.n_points % self.group_size):
+            raise ConfigError(f"preprocess.group_size {self.group_size} does not divide n_points {self.n_points}")
+
+    @property
+    def n_views(self) -> int:
+        """In how many equally valid poses a cloud can be arranged: 4 where the signs of the axes are open."""
+        return 4 if self.pose == "principal" else 1
+
+    def sample(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Centred candidates (K, 3) float32, n_points ≤ K ≤ n_candidates, of a raw cloud (N, 3) in metres.
+
+        Raises CloudError where the cloud is not finite (N, 3) with N ≥ n_points.
+        """
+        points = check_cloud(points, self.n_points)
+        centred = (points - points.mean(axis=0, dtype=np.float64)).astype(np.float32)
+        n = min(self.n_candidates, len(centred))
+        start = int(rng.integers(len(centred))) if self.start == "random" else int((centred**2).sum(axis=1).argmax())
+        return centred[farthest_point_sampling(centred, n, start)]
+
+    def arrange(self, candidates: torch.Tensor, valid: torch.Tensor, view: torch.Tensor | None = None) -> torch.Tensor:
+        """The network's input (B, n_points, 3).
+
+        candidates (B, K, 3) centred metres; valid (B, K) bool, at least one a row; view (B,) int in [0, n_views):
+        which of the equally valid poses, 0 where not given.
+        """
+        if self.ordering == "none":
+            return candidates
+        if self.ordering == "groups":
+            order = group_order(candidates, self.group_size)
+        else:
+            candidates = principal_pose(candidates, valid, view) if self.pose == "principal" else candidates
+            anchors = anchor_positions(self.n_points).to(candidates)
+            order = nearest_candidates(candidates, valid, anchors)
+        return candidates.gather(1, order[..., None].expand(-1, -1, 3))

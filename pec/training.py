@@ -1,0 +1,313 @@
+"""Training: one loop, an honest protocol and the published one, and runs that go on where they were killed.
+
+Every random draw of epoch e comes from a generator seeded by (seed, e), and the state is saved after each epoch, so a
+run that is killed and started again ends in the same weights, bit for bit on a CPU with the same number of threads.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from tqdm import tqdm
+
+from pec.augment import augment
+from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
+from pec.clouds import CloudDataset, load_dataset, split_by_instance, split_by_sample
+from pec.config import DatasetConfig, TrainConfig, read_config
+from pec.errors import ConfigError, DatasetError
+from pec.evaluation import fit_temperature, predict_log_probabilities, score
+from pec.network import PEC
+from pec.prepared import PreparedClouds, prepare
+from pec.tracking import Tracker
+
+__all__ = ["train"]
+
+
+def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
+    """Train and evaluate as `cfg` says (see `pec.config.TrainConfig`).
+
+    Returns what is also written to OUTPUT/results.json. OUTPUT/best and OUTPUT/last are checkpoints, OUTPUT/tensorboard
+    the curves. A finished run is not repeated, an interrupted one goes on.
+    Raises ConfigError, DatasetError or CheckpointError.
+    """
+    config = read_config(cfg)
+    output = Path(config.output)
+    finished = _finished(output, config)
+    if finished is not None:
+        return finished
+    torch.set_num_threads(config.threads)
+    torch.set_flush_denormal(True)  # weights that decay towards zero otherwise slow a CPU down many times
+    device = _device(config.device)
+    dataset = load_dataset(
+        config.dataset.path,
+        config.dataset.classes,
+        config.dataset.samples_per_instance,
+        config.preprocess.n_points,
+    )
+    parts = split(dataset, config.dataset, config.protocol.selection, config.seed)
+    prepared = prepare(
+        dataset,
+        config.preprocess,
+        removed=config.dataset.removed,
+        seed=config.seed,
+        cache=config.cache,
+        progress=config.progress,
+    )
+    training, selection, test = (prepared.subset(part).to(device) for part in parts)
+    run = _Run(config, dataset.classes, device)
+    run.fit(training, selection)
+    results = run.results(selection, test)
+    results["n_samples"] = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
+    _write_json(output / "results.json", results)
+    return results
+
+
+def split(
+    dataset: CloudDataset, settings: DatasetConfig, selection: str, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Indices (train, selection, test). Published protocol: selection and test are one and the same split."""
+    rng = np.random.default_rng((seed, 0x5911))
+    if settings.split == "official":
+        if dataset.official_test is None:
+            raise DatasetError(f"{settings.path} has no official split; use dataset.split=sample or instance")
+        rest, test = np.flatnonzero(~dataset.official_test), np.flatnonzero(dataset.official_test)
+    else:
+        divide = split_by_sample if settings.split == "sample" else split_by_instance
+        rest, test = divide(dataset, settings.train_fraction, rng)
+    if selection == "evaluation split":
+        return rest, test, test
+    # Instances kept apart from test are too few to be cut again where a class has only two of them.
+    enough = settings.split == "instance" and all(
+        len(np.unique(dataset.instances[rest][dataset.labels[rest] == label])) > 2
+        for label in range(len(dataset.classes))
+    )
+    divide = split_by_instance if enough else split_by_sample
+    training, validation = divide(dataset, 1 - settings.validation_fraction, rng, rest)
+    return training, validation, test
+
+
+class _Run:
+    """Model, optimizer and progress of one run, kept in step with OUTPUT/last."""
+
+    def __init__(self, config: TrainConfig, classes: list[str], device: torch.device) -> None:
+        self.config, self.classes, self.device = config, classes, device
+        self.output = Path(config.output)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            self.model = PEC(config.preprocess.n_points, len(classes))
+        self.model.to(device)
+        self.optimizer = torch.optim.AdamW(
+            self.model.parameters(), lr=config.protocol.learning_rate, weight_decay=config.protocol.weight_decay
+        )
+        self.epoch = 0
+        self.seconds = 0.0
+        self.best = {"epoch": 0, "accuracy": -1.0, "loss": math.inf}
+        self._resume()
+
+    def fit(self, training: PreparedClouds, selection: PreparedClouds) -> None:
+        """Train up to the configured epoch, saving after each."""
+        config, protocol = self.config, self.config.protocol
+        static = None
+        if config.augment.is_identity and config.preprocess.n_views == 1:
+            static = config.preprocess.arrange(training.candidates, training.valid)
+        batch_size = min(protocol.batch_size or len(training), len(training))
+        n_steps = math.ceil(len(training) / batch_size)
+        with Tracker(self.output / "tensorboard", self.epoch) as tracker:
+            bar = tqdm(
+                range(self.epoch, protocol.epochs),
+                desc="training",
+                unit="epoch",
+                initial=self.epoch,
+                total=protocol.epochs,
+                disable=not config.progress,
+            )
+            for epoch in bar:
+                begin = time.perf_counter()
+                loss, accuracy, rate = self._epoch(epoch, training, static, batch_size, n_steps)
+                scores = score(self._predict(selection), selection.labels)
+                # Of equally accurate epochs the surer one.
+                if (scores.accuracy, -scores.loss) > (self.best["accuracy"], -self.best["loss"]):
+                    self.best = {"epoch": epoch + 1, "accuracy": scores.accuracy, "loss": scores.loss}
+                    write_checkpoint(self.output / "best", self._checkpoint(epoch + 1))
+                self.epoch = epoch + 1
+                self.seconds += time.perf_counter() - begin
+                self._save()
+                tracker.epoch(epoch + 1, loss, accuracy, scores, rate)
+                bar.set_postfix(loss=f"{loss:.3f}", train=f"{accuracy:.3f}", selection=f"{scores.accuracy:.3f}")
+
+    def results(self, selection: PreparedClouds, test: PreparedClouds) -> dict[str, Any]:
+        """Fit the temperature on the selection split, then read the test split: once for each of best and last."""
+        honest = self.config.protocol.selection == "validation"
+        results: dict[str, Any] = {
+            "protocol": "honest: epoch chosen on validation, test read once"
+            if honest
+            else "published: best epoch on the evaluation split itself, an optimistic figure",
+            "classes": self.classes,
+            "parameters": sum(parameter.numel() for parameter in self.model.parameters()),
+            "epochs": self.epoch,
+            "seed": self.config.seed,
+            "training_s": round(self.seconds, 2),
+            "device": str(self.device),
+            "threads": self.config.threads,
+            "checkpoint": str(self.output / "best"),
+            "config": self.config.decisive(),
+        }
+        for name in ("best", "last"):
+            checkpoint = read_checkpoint(self.output / name)
+            self.model.load_state_dict(checkpoint.model.state_dict())
+            log_probabilities = self._predict(selection)
+            temperature = fit_temperature(log_probabilities, selection.labels)
+            scores = score(self._predict(test), test.labels, temperature)
+            results[name] = {
+                "epoch": checkpoint.epoch,
+                "selection_accuracy": score(log_probabilities, selection.labels).accuracy,
+                "test_accuracy": scores.accuracy,
+                "test_loss": scores.loss,
+                "test_per_class": dict(zip(self.classes, scores.per_class, strict=True)),
+                "test_confusion": scores.confusion,
+                "test_calibration_error": scores.calibration_error,
+                "temperature": temperature,
+            }
+            state = read_training_state(self.output / name) if name == "last" else None
+            write_checkpoint(self.output / name, replace(checkpoint, temperature=temperature), state)
+            with Tracker(self.output / "tensorboard", None) as tracker:
+                tracker.confusion(name, checkpoint.epoch, self.classes, scores)
+        return results
+
+    def _epoch(
+        self,
+        epoch: int,
+        training: PreparedClouds,
+        static: torch.Tensor | None,
+        batch_size: int,
+        n_steps: int,
+    ) -> tuple[float, float, float]:
+        """One pass; mean loss, accuracy in training, last learning rate."""
+        config, protocol = self.config, self.config.protocol
+        generator = torch.Generator().manual_seed(config.seed * 1_000_003 + epoch)
+        # A full batch is not shuffled (as published): its order changes nothing but rounding.
+        order = torch.arange(len(training))
+        if n_steps > 1:
+            order = torch.randperm(len(training), generator=generator)
+        self.model.train()
+        loss_sum, correct, rate = 0.0, 0, protocol.learning_rate
+        for step, index in enumerate(order.to(self.device).split(batch_size)):
+            if len(index) == 1:
+                continue  # batch norm has no variance of one
+            rate = self._learning_rate((epoch * n_steps + step) / (protocol.epochs * n_steps))
+            for group in self.optimizer.param_groups:
+                group["lr"] = rate
+            labels = training.labels[index]
+            inputs = static[index] if static is not None else self._draw(training, index, generator)
+            logits = self.model(inputs)
+            loss = nn.functional.cross_entropy(logits, labels, label_smoothing=protocol.label_smoothing)
+            self.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            self.optimizer.step()
+            loss_sum += loss.item() * len(index)
+            correct += int((logits.detach().argmax(dim=1) == labels).sum())
+        return loss_sum / len(training), correct / len(training), rate
+
+    def _draw(self, training: PreparedClouds, index: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        points, valid = augment(training.candidates[index], training.valid[index], self.config.augment, generator)
+        view = torch.randint(self.config.preprocess.n_views, (len(index),), generator=generator).to(self.device)
+        return self.config.preprocess.arrange(points, valid, view)
+
+    def _learning_rate(self, progress: float) -> float:
+        """The rate at `progress` in [0, 1): constant, or a tenth of the run up and a cosine down to nothing."""
+        peak = self.config.protocol.learning_rate
+        if self.config.protocol.schedule == "constant":
+            return peak
+        if progress < 0.1:
+            return peak * (0.05 + 0.95 * progress / 0.1)
+        return peak * (0.5 + 0.5 * math.cos(math.pi * (progress - 0.1) / 0.9))
+
+    def _predict(self, clouds: PreparedClouds) -> torch.Tensor:
+        self.model.eval()
+        return predict_log_probabilities(self.model, self.config.preprocess, clouds.candidates, clouds.valid)
+
+    def _checkpoint(self, epoch: int) -> Checkpoint:
+        return Checkpoint(self.model, self.classes, self.config.preprocess, 1.0, epoch)
+
+    def _save(self) -> None:
+        moments: dict[str, torch.Tensor] = {}
+        names = {id(parameter): name for name, parameter in self.model.named_parameters()}
+        for parameter, state in self.optimizer.state.items():
+            for key, value in state.items():
+                moments[f"{names[id(parameter)]}/{key}"] = value.detach().cpu().contiguous()
+        progress = {
+            "epoch": self.epoch,
+            "seconds": self.seconds,
+            "best": self.best,
+            "classes": self.classes,
+            "config": self.config.decisive(),
+        }
+        write_checkpoint(self.output / "last", self._checkpoint(self.epoch), TrainingState(moments, progress))
+
+    def _resume(self) -> None:
+        state = read_training_state(self.output / "last")
+        if state is None:
+            return
+        _check_same(self.config, state.progress["config"], self.output)
+        if state.progress["classes"] != self.classes:
+            raise ConfigError(f"output {self.output} holds a run with classes {state.progress['classes']}")
+        self.model.load_state_dict(read_checkpoint(self.output / "last").model.state_dict())
+        for name, parameter in self.model.named_parameters():
+            self.optimizer.state[parameter] = {
+                key: state.optimizer[f"{name}/{key}"].to(parameter.device if key != "step" else "cpu")
+                for key in ("step", "exp_avg", "exp_avg_sq")
+            }
+        self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
+        self.best = state.progress["best"]
+
+
+def _finished(output: Path, config: TrainConfig) -> dict[str, Any] | None:
+    """The results of an earlier, finished run with these settings; ConfigError where it had others."""
+    path = output / "results.json"
+    if not path.is_file():
+        return None
+    results = json.loads(path.read_text())
+    _check_same(config, results["config"], output)
+    return results
+
+
+def _check_same(config: TrainConfig, earlier: dict[str, Any], output: Path) -> None:
+    # Through JSON, as the earlier one went: tuples become lists.
+    now = _flat(json.loads(json.dumps(config.decisive())))
+    before = _flat(earlier)
+    changed = [name for name in sorted(now | before) if now.get(name) != before.get(name)]
+    if changed:
+        name = changed[0]
+        raise ConfigError(
+            f"output {output} holds a run with {name}={before.get(name)!r}, not {now.get(name)!r}: "
+            "choose another output, or delete it"
+        )
+
+
+def _flat(settings: dict[str, Any], where: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat.update(_flat(value, f"{where}{name}.") if isinstance(value, dict) else {where + name: value})
+    return flat
+
+
+def _device(name: str) -> torch.device:
+    if name == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device=cuda, but torch finds no CUDA device")
+    return torch.device("cuda" if name == "auto" and torch.cuda.is_available() else name.replace("auto", "cpu"))
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(json.dumps(content, indent=1) + "\n")
+    os.replace(temporary, path)

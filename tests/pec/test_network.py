@@ -1,0 +1,48 @@
+"""The published network has the published size."""
+
+import pytest
+import torch
+
+from pec import PEC
+
+
+@pytest.mark.parametrize(
+    ("n_points", "n_classes", "parameters"),
+    [(64, 5, 890_501), (64, 10, 890_666), (128, 5, 3_554_565), (256, 5, 14_203_397)],
+)
+def test_parameter_count_is_the_published_one(n_points, n_classes, parameters):
+    model = PEC(n_points, n_classes)
+    assert sum(parameter.numel() for parameter in model.parameters()) == parameters
+    assert model.eval()(torch.zeros(2, n_points, 3)).shape == (2, n_classes)
+
+
+def test_parameters_of_each_layer_are_the_published_ones():
+    counts = [
+        sum(parameter.numel() for parameter in layer.parameters())
+        for part in (PEC().encoder, PEC().decoder, PEC().head)
+        for layer in part
+    ]
+    expected = [
+        49_408,
+        512,
+        393_728,
+        1_024,
+        98_368,
+        128,
+        6_176,
+        2_112,
+        33_024,
+        262_656,
+        32_832,
+        2_080,
+        6_208,
+        2_080,
+        165,
+    ]
+    assert [count for count in counts if count] == expected
+
+
+def test_order_of_the_points_matters():
+    torch.manual_seed(0)
+    model, points = PEC().eval(), torch.randn(1, 64, 3)
+    assert not torch.allclose(model(points), model(points.flip(1)))
