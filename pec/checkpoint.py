@@ -78,7 +78,7 @@ def write_checkpoint(
         (temporary / "training_state").mkdir()
         save_file(state.optimizer, temporary / "training_state" / "optimizer.safetensors")
         (temporary / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")
-    # A directory cannot be replaced in one step: between these two renames `old` stands in, see `_recover`.
+    # A directory cannot be replaced in one step: between these two renames `old` stands in, see `_present`.
     if directory.exists():
         os.rename(directory, old)
     os.rename(temporary, directory)
@@ -90,8 +90,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
 
     Raises CheckpointError where it is missing, incomplete, of another format, or weights and config disagree.
     """
-    directory = Path(directory)
-    _recover(directory)
+    directory = _present(Path(directory))
     config = _read_json(directory / "config.json")
     try:
         if config["format"] != FORMAT or config["network"] != "pec":
@@ -117,8 +116,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
 
 def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | None:
     """The training state of a checkpoint, or None where there is no checkpoint. Raises CheckpointError if broken."""
-    directory = Path(directory)
-    _recover(directory)
+    directory = _present(Path(directory))
     if not directory.exists():
         return None
     return TrainingState(
@@ -131,11 +129,18 @@ def _siblings(directory: Path) -> tuple[Path, Path]:
     return directory.with_name(directory.name + ".new.tmp"), directory.with_name(directory.name + ".old.tmp")
 
 
-def _recover(directory: Path) -> None:
-    """Undo a replacement that was killed between its two renames."""
+def _present(directory: Path) -> Path:
+    """Where the checkpoint is to be read: `old` while, or since, a replacement stopped between its two renames."""
     _, old = _siblings(directory)
-    if old.exists() and not directory.exists():
+    return old if old.exists() and not directory.exists() else directory
+
+
+def _recover(directory: Path) -> None:
+    """Clear away what a killed replacement left."""
+    _, old = _siblings(directory)
+    if _present(directory) == old:
         os.rename(old, directory)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -94,6 +94,8 @@ class ShardRecord:
     file: str
     n_samples: int
     sha256: str
+    rejected: dict[str, int] = field(default_factory=dict)
+    """Draws that gave no sample of this shard, counted by reason."""
 
 
 @dataclass(frozen=True)

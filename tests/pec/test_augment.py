@@ -1,0 +1,81 @@
+"""Augmentation does what its settings say, and nothing else."""
+
+import pytest
+import torch
+
+from pec.augment import Augment, augment
+from pec.errors import ConfigError
+
+
+def _clouds(batch: int = 50, n: int = 100) -> tuple[torch.Tensor, torch.Tensor]:
+    points = torch.randn(batch, n, 3, generator=torch.Generator().manual_seed(0))
+    valid = torch.ones(batch, n, dtype=torch.bool)
+    valid[:, n // 2 :] = torch.arange(batch)[:, None] % 2 == 0
+    return points, valid
+
+
+def _augment(**settings: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    points, valid = _clouds()
+    return points, valid, *augment(points, valid, Augment(**settings), torch.Generator().manual_seed(1))
+
+
+def test_nothing_set_changes_nothing():
+    points, valid, new_points, new_valid = _augment()
+    assert points.equal(new_points)
+    assert valid.equal(new_valid)
+
+
+@pytest.mark.parametrize("name", ["remove", "crop"])
+def test_removal_stays_below_its_share_and_uses_its_range(name):
+    points, valid, new_points, new_valid = _augment(**{name: 0.4})
+    assert points.equal(new_points)
+    assert not (new_valid & ~valid).any()
+    share = 1 - new_valid.sum(dim=1) / valid.sum(dim=1)
+    assert share.max() <= 0.4
+    assert share.max() > 0.3
+    assert share.min() < 0.1
+
+
+def test_cropped_points_lie_beyond_a_plane():
+    points, valid, _, kept = _augment(crop=0.4)
+    for cloud, before, after in zip(points, valid, kept, strict=True):
+        gone = before & ~after
+        if gone.sum() < 3:
+            continue
+        # Linearly separable: a perceptron finds the plane.
+        inputs = torch.cat([cloud[before], torch.ones(int(before.sum()), 1)], dim=1)
+        sign = torch.where(gone[before], 1.0, -1.0)
+        plane = torch.zeros(4)
+        for _ in range(2000):
+            wrong = (inputs @ plane) * sign <= 0
+            if not wrong.any():
+                break
+            plane += (inputs[wrong] * sign[wrong, None]).mean(dim=0)
+        assert not wrong.any()
+        break
+
+
+def test_yaw_turns_about_z_only():
+    points, _, turned, _ = _augment(yaw=30)
+    assert turned[..., 2].equal(points[..., 2])
+    assert torch.allclose(turned.norm(dim=2), points.norm(dim=2), atol=1e-5)
+    cosine = (turned[..., :2] * points[..., :2]).sum(dim=2) / points[..., :2].norm(dim=2).square()
+    assert cosine.acos().rad2deg().max() <= 30.1
+
+
+def test_scale_mirror_and_jitter_keep_to_their_ranges():
+    points, _, scaled, _ = _augment(scale=0.1)
+    ratio = (scaled / points).flatten(1)
+    assert torch.allclose(ratio.amin(dim=1), ratio.amax(dim=1), atol=1e-5)
+    assert (ratio - 1).abs().max() <= 0.1001
+    _, _, mirrored, _ = _augment(mirror=0.5)
+    flipped = (mirrored[..., 0] == -points[..., 0]).all(dim=1)
+    assert 10 < flipped.sum() < 40
+    assert mirrored[..., 1:].equal(points[..., 1:])
+    _, _, shaken, _ = _augment(jitter=0.01)
+    assert (shaken - points).std().item() == pytest.approx(0.01, rel=0.05)
+
+
+def test_senseless_strength_is_named():
+    with pytest.raises(ConfigError, match=r"augment\.remove must be in \[0, 1\], got 1\.5"):
+        Augment(remove=1.5)

@@ -1,0 +1,148 @@
+"""From a checkpoint to answers, and what happens when either is bad."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from pec import PEC, Classifier
+from pec.checkpoint import Checkpoint, write_checkpoint
+from pec.clouds import load_dataset
+from pec.errors import CheckpointError, CloudError
+from pec.evaluation import average_views, expected_calibration_error, fit_temperature, score
+from pec.preprocess import Preprocess
+
+CLASSES = ["can", "mug", "box"]
+CANONICAL = Preprocess(n_candidates=128, start="farthest", pose="principal", ordering="anchors")
+
+
+def _write(directory, preprocess=CANONICAL, temperature=1.0, classes=CLASSES):
+    torch.manual_seed(0)
+    model = PEC(64, len(classes))
+    write_checkpoint(directory, Checkpoint(model, classes, preprocess, temperature, 1))
+    return directory
+
+
+@pytest.fixture
+def checkpoint(tmp_path):
+    return _write(tmp_path / "checkpoint")
+
+
+def _clouds(n: int = 5) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    return [rng.normal(size=(size, 3)) * 0.05 + [0, 0, 0.6] for size in rng.integers(64, 500, n)]
+
+
+@pytest.mark.parametrize("preprocess", [CANONICAL, Preprocess()])
+def test_cloud_is_classified_alike_alone_and_in_a_list(tmp_path, preprocess):
+    classifier = Classifier.load(_write(tmp_path / "c", preprocess))
+    clouds = _clouds()
+    together = classifier.predict(clouds)
+    for cloud, prediction in zip(clouds, together, strict=True):
+        alone = classifier.predict(cloud)
+        assert alone.label == prediction.label
+        assert alone.probabilities == pytest.approx(prediction.probabilities, abs=1e-5)
+        assert alone.confidence == max(alone.probabilities.values())
+        assert list(alone.probabilities) == CLASSES
+        assert sum(alone.probabilities.values()) == pytest.approx(1, abs=1e-5)
+    assert classifier.predict([]) == []
+
+
+def test_trained_classifier_knows_its_shapes(shapes, tmp_path):
+    from pec.training import train
+
+    protocol = {"epochs": 15, "batch_size": 16}
+    settings = {"dataset": {"path": str(shapes)}, "output": str(tmp_path), "protocol": protocol, "progress": False}
+    classifier = Classifier.load(train(settings)["checkpoint"], classes=["rod", "plate", "ball"])
+    dataset = load_dataset(shapes)
+    answers = classifier.predict([dataset.cloud(i) for i in range(len(dataset))])
+    right = [answer.label == dataset.classes[label] for answer, label in zip(answers, dataset.labels, strict=True)]
+    assert np.mean(right) > 0.9
+
+
+def test_temperature_softens_but_does_not_change_the_answer(tmp_path):
+    cold = Classifier.load(_write(tmp_path / "cold", temperature=0.1))
+    warm = Classifier.load(_write(tmp_path / "warm", temperature=10.0))
+    for cloud in _clouds():
+        assert cold.predict(cloud).label == warm.predict(cloud).label
+        assert cold.predict(cloud).confidence > warm.predict(cloud).confidence
+
+
+def test_bad_cloud_in_a_list_is_named_by_its_place(checkpoint):
+    classifier = Classifier.load(checkpoint)
+    clouds = _clouds(3)
+    clouds[1][7, 2] = np.nan
+    with pytest.raises(CloudError, match=r"cloud 1: 1 of .* not finite"):
+        classifier.predict(clouds)
+    with pytest.raises(CloudError, match="takes 64 points, the cloud has only 63"):
+        classifier.predict(np.zeros((63, 3)))
+
+
+def _edit(checkpoint, **changes):
+    config = json.loads((checkpoint / "config.json").read_text())
+    (checkpoint / "config.json").write_text(json.dumps(config | changes))
+
+
+def test_missing_or_broken_checkpoint_is_named(checkpoint, tmp_path):
+    with pytest.raises(CheckpointError, match=r"nowhere/config\.json does not exist"):
+        Classifier.load(tmp_path / "nowhere")
+    _edit(checkpoint, format=7)
+    with pytest.raises(CheckpointError, match="format 7"):
+        Classifier.load(checkpoint)
+    (checkpoint / "config.json").write_text("{")
+    with pytest.raises(CheckpointError, match=r"config\.json is broken"):
+        Classifier.load(checkpoint)
+
+
+def test_weights_that_do_not_fit_are_an_error(checkpoint):
+    _edit(checkpoint, classes=["can", "mug"])
+    with pytest.raises(CheckpointError, match="do not fit 2 classes"):
+        Classifier.load(checkpoint)
+    weights = checkpoint / "model.safetensors"
+    weights.write_bytes(weights.read_bytes()[:5000])
+    with pytest.raises(CheckpointError, match=r"model\.safetensors is broken"):
+        Classifier.load(checkpoint)
+    weights.unlink()
+    with pytest.raises(CheckpointError, match=r"model\.safetensors does not exist"):
+        Classifier.load(checkpoint)
+
+
+def test_another_class_list_is_an_error(checkpoint):
+    assert Classifier.load(checkpoint, classes=["box", "can", "mug"]).classes == CLASSES
+    with pytest.raises(CheckpointError, match="knows the classes can, mug, box, not can, drill"):
+        Classifier.load(checkpoint, classes=["can", "drill"])
+
+
+def test_checkpoint_is_replaced_as_a_whole(checkpoint):
+    before = Classifier.load(checkpoint).predict(_clouds(1)[0])
+    _write(checkpoint, temperature=3.0)
+    after = Classifier.load(checkpoint).predict(_clouds(1)[0])
+    assert after.label == before.label
+    assert after.confidence != before.confidence
+    assert [path.name for path in checkpoint.parent.iterdir()] == ["checkpoint"]
+    shutil.rmtree(checkpoint)
+
+
+def test_average_of_views_is_the_mean_probability():
+    logits = torch.randn(4, 7, 3, generator=torch.Generator().manual_seed(0))
+    assert torch.allclose(average_views(logits).exp(), logits.softmax(dim=2).mean(dim=0), atol=1e-6)
+
+
+def test_temperature_is_recovered():
+    generator = torch.Generator().manual_seed(0)
+    true_logits = 2 * torch.randn(20_000, 4, generator=generator)
+    labels = torch.multinomial(true_logits.softmax(dim=1), 1, generator=generator)[:, 0]
+    assert fit_temperature(2.5 * true_logits, labels) == pytest.approx(2.5, rel=0.05)
+    calibrated, overconfident = true_logits.softmax(dim=1), (2.5 * true_logits).softmax(dim=1)
+    assert expected_calibration_error(calibrated, labels) < 0.02
+    assert expected_calibration_error(overconfident, labels) > 0.05
+
+
+def test_scores_of_a_known_case():
+    probabilities = torch.tensor([[0.8, 0.1, 0.1], [0.6, 0.3, 0.1], [0.1, 0.2, 0.7], [0.2, 0.5, 0.3]])
+    scores = score(probabilities.log(), torch.tensor([0, 1, 2, 1]))
+    assert scores.accuracy == 0.75
+    assert scores.confusion == [[1, 0, 0], [1, 1, 0], [0, 0, 1]]
+    assert scores.per_class == [1.0, 0.5, 1.0]

@@ -1,0 +1,128 @@
+"""Loading, splitting and damaging data sets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pec.clouds import load_dataset, remove_around_random_point, split_by_instance, split_by_sample
+from pec.errors import DatasetError
+from pec.prepared import prepare
+from pec.preprocess import Preprocess
+from pec.shards import read_manifest, write_manifest
+
+
+def test_generated_set_is_loaded_whole(shapes):
+    dataset = load_dataset(shapes)
+    assert dataset.classes == ["ball", "plate", "rod"]
+    assert len(dataset) == 120
+    assert np.bincount(dataset.labels).tolist() == [40, 40, 40]
+    assert np.bincount(dataset.instances).tolist() == [20] * 6
+    assert all(dataset.cloud(i).shape == (200, 3) for i in range(120))
+
+
+def test_chosen_classes_keep_their_clouds(shapes):
+    whole, part = load_dataset(shapes), load_dataset(shapes, ["rod", "ball"], samples_per_instance=5)
+    assert part.classes == ["rod", "ball"]
+    assert np.bincount(part.labels).tolist() == [10, 10]
+    first_rod = int(np.flatnonzero(whole.labels == 2)[0])
+    np.testing.assert_array_equal(part.cloud(int(np.flatnonzero(part.labels == 0)[0])), whole.cloud(first_rod))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"classes": ["teapot"]}, "no class 'teapot'; it has ball, plate, rod"), ({"min_points": 500}, "at least 500")],
+)
+def test_what_the_set_lacks_is_named(shapes, arguments, message):
+    with pytest.raises(DatasetError, match=message):
+        load_dataset(shapes, **arguments)
+
+
+def test_missing_and_unfinished_sets_are_errors(shapes, tmp_path):
+    with pytest.raises(DatasetError, match="does not exist"):
+        load_dataset(tmp_path)
+    with pytest.raises(DatasetError, match=r"x\.npz does not exist"):
+        load_dataset(tmp_path / "x.npz")
+    write_manifest(tmp_path, replace(read_manifest(shapes), complete=False))
+    with pytest.raises(DatasetError, match="unfinished"):
+        load_dataset(tmp_path)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000))
+def test_split_by_sample_takes_its_share_of_each_instance(shapes, seed):
+    dataset = load_dataset(shapes)
+    first, second = split_by_sample(dataset, 0.75, np.random.default_rng(seed))
+    assert sorted([*first, *second]) == list(range(len(dataset)))
+    assert np.bincount(dataset.instances[first]).tolist() == [15] * 6
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.floats(0.05, 0.95))
+def test_split_by_instance_shares_none(shapes, seed, fraction):
+    dataset = load_dataset(shapes)
+    first, second = split_by_instance(dataset, fraction, np.random.default_rng(seed))
+    assert sorted([*first, *second]) == list(range(len(dataset)))
+    assert not set(dataset.instances[first]) & set(dataset.instances[second])
+    for part in (first, second):
+        assert set(dataset.labels[part]) == {0, 1, 2}
+
+
+def test_split_by_instance_of_single_instances_is_an_error(shapes):
+    dataset = load_dataset(shapes)
+    single = dataset.subset(np.flatnonzero(dataset.instances % 2 == 0))
+    with pytest.raises(DatasetError, match="'ball' has 1 instance"):
+        split_by_instance(single, 0.5, np.random.default_rng(0))
+
+
+def test_modelnet_archive_brings_its_own_split(tmp_path):
+    rng = np.random.default_rng(0)
+    arrays = {"class_names": np.array(["bed", "desk"])}
+    for part, n in (("train", 6), ("test", 4)):
+        arrays[f"{part}_points"] = rng.normal(size=(n, 80, 3)).astype(np.float16)
+        arrays[f"{part}_labels"] = np.arange(n, dtype=np.uint8) % 2
+    np.savez(tmp_path / "m.npz", **arrays)
+    dataset = load_dataset(tmp_path / "m.npz")
+    assert dataset.official_test is not None
+    assert np.flatnonzero(dataset.official_test).tolist() == [6, 7, 8, 9]
+    np.testing.assert_array_equal(dataset.cloud(7), arrays["test_points"][1].astype(np.float32))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_defect_removes_a_neighbourhood(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(100, 3))
+    kept = remove_around_random_point(points, 0.4, rng)
+    assert 60 < len(kept) <= 100
+    rows = {tuple(row) for row in points}
+    gone = np.array(sorted(rows - {tuple(row) for row in kept}))
+    assert len(gone) == 100 - len(kept)
+    if len(gone):  # some removed point has no kept point nearer than the farthest removed one
+        to_gone = np.linalg.norm(gone[:, None] - gone, axis=2).max(axis=1)
+        to_kept = np.linalg.norm(gone[:, None] - kept, axis=2).min(axis=1)
+        assert (to_gone <= to_kept).any()
+
+
+def test_cache_gives_the_same_clouds_and_other_settings_another_cache(shapes, tmp_path):
+    dataset = load_dataset(shapes)
+    fresh = prepare(dataset, Preprocess(), cache=tmp_path)
+    assert len(list(tmp_path.iterdir())) == 1
+    again = prepare(dataset, Preprocess(), cache=tmp_path)
+    assert fresh.candidates.equal(again.candidates)
+    assert fresh.valid.all()
+    prepare(dataset, Preprocess(group_size=8), cache=tmp_path)  # sampling is the same, only the order differs
+    assert len(list(tmp_path.iterdir())) == 1
+    prepare(dataset, Preprocess(), cache=tmp_path, removed=0.4)
+    prepare(dataset, Preprocess(), cache=tmp_path, seed=1)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_cut_short_cache_is_made_again(shapes, tmp_path):
+    dataset = load_dataset(shapes)
+    fresh = prepare(dataset, Preprocess(), cache=tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:1000])
+    assert prepare(dataset, Preprocess(), cache=tmp_path).candidates.equal(fresh.candidates)

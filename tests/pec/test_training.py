@@ -1,0 +1,158 @@
+"""Training learns, keeps its protocols apart, and survives being killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from pec.checkpoint import read_training_state
+from pec.clouds import load_dataset
+from pec.config import read_config
+from pec.errors import ConfigError, DatasetError
+from pec.training import split, train
+
+
+def _settings(shapes: Path, output: Path, **changes) -> dict:
+    protocol = {"epochs": 15, "batch_size": 16} | changes.pop("protocol", {})
+    return {
+        "dataset": {"path": str(shapes)},
+        "output": str(output),
+        "protocol": protocol,
+        "augment": {"remove": 0.4, "jitter": 0.001},
+        "progress": False,
+    } | changes
+
+
+@pytest.fixture(scope="module")
+def run(shapes, tmp_path_factory):
+    output = tmp_path_factory.mktemp("run")
+    return output, train(_settings(shapes, output))
+
+
+def test_it_learns_shapes_of_any_orientation(run):
+    _, results = run
+    assert results["best"]["test_accuracy"] > 0.9
+    assert results["parameters"] == 890_501 - 2 * 33
+
+
+def test_results_are_written_and_consistent(run):
+    output, results = run
+    assert json.loads((output / "results.json").read_text()) == results
+    confusion = np.array(results["best"]["test_confusion"])
+    assert confusion.sum() == results["n_samples"]["test"] == 30
+    assert confusion.trace() / 30 == pytest.approx(results["best"]["test_accuracy"])
+    assert results["last"]["epoch"] == 15
+    assert results["n_samples"] == {"train": 78, "selection": 12, "test": 30}
+    assert list((output / "tensorboard").iterdir())
+
+
+def test_finished_run_is_not_repeated(run, shapes):
+    output, results = run
+    before = (output / "last" / "model.safetensors").stat().st_mtime_ns
+    assert train(_settings(shapes, output)) == results
+    assert (output / "last" / "model.safetensors").stat().st_mtime_ns == before
+
+
+def test_output_of_other_settings_is_not_mixed(run, shapes):
+    output, _ = run
+    with pytest.raises(ConfigError, match=r"protocol\.learning_rate=0\.002, not 0\.1"):
+        train(_settings(shapes, output, protocol={"learning_rate": 0.1}))
+
+
+def test_equal_seeds_give_equal_weights(run, shapes, tmp_path):
+    output, _ = run
+    train(_settings(shapes, tmp_path))
+    _assert_equal_weights(output, tmp_path)
+
+
+def test_killed_run_ends_in_the_same_weights(run, shapes, tmp_path):
+    output, _ = run
+    settings = _settings(shapes, tmp_path)
+    code = f"from pec.training import train; train({settings!r})"
+    process = subprocess.Popen([sys.executable, "-c", code])
+    deadline = time.monotonic() + 60
+    while _epochs_done(tmp_path) < 3 and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    done = _epochs_done(tmp_path)
+    assert 3 <= done <= 15
+    assert not (tmp_path / "results.json").exists()
+    train(settings)
+    _assert_equal_weights(output, tmp_path)
+
+
+def test_replacement_killed_between_its_renames_is_undone(run, shapes, tmp_path):
+    output, _ = run
+    for epochs in ("last", "best"):
+        (tmp_path / f"{epochs}.old.tmp").symlink_to(output / epochs)
+    assert read_training_state(tmp_path / "last").progress["epoch"] == 15
+
+
+def _epochs_done(output: Path) -> int:
+    path = output / "last" / "training_state" / "progress.json"
+    try:
+        return json.loads(path.read_text())["epoch"]
+    except (FileNotFoundError, NotADirectoryError):
+        return 0
+
+
+def _assert_equal_weights(one: Path, other: Path) -> None:
+    for name in ("best", "last"):
+        weights = [load_file(output / name / "model.safetensors") for output in (one, other)]
+        assert weights[0].keys() == weights[1].keys()
+        assert all(tensor.equal(weights[1][key]) for key, tensor in weights[0].items())
+
+
+def test_published_protocol_is_full_batch_and_labelled(shapes, tmp_path):
+    published = {"selection": "evaluation split", "batch_size": None, "schedule": "constant", "learning_rate": 0.01}
+    published |= {"epochs": 3, "weight_decay": 0.0, "label_smoothing": 0.0}
+    preprocess = {"ordering": "groups", "group_size": 16}
+    results = train(_settings(shapes, tmp_path, protocol=published, preprocess=preprocess, augment={}))
+    assert "optimistic" in results["protocol"]
+    assert results["n_samples"] == {"train": 90, "selection": 30, "test": 30}
+    assert results["best"]["selection_accuracy"] == results["best"]["test_accuracy"]
+    steps = [value for key, value in read_training_state(tmp_path / "last").optimizer.items() if key.endswith("step")]
+    assert {int(step) for step in steps} == {3}
+
+
+def test_splits_do_not_overlap_and_instances_stay_apart(shapes):
+    dataset = load_dataset(shapes)
+    for kind in ("sample", "instance"):
+        settings = read_config({"dataset": {"path": "x", "split": kind}, "output": "y"}).dataset
+        parts = split(dataset, settings, "validation", 0)
+        assert sorted(np.concatenate(parts)) == list(range(len(dataset)))
+    assert not set(dataset.instances[parts[2]]) & set(dataset.instances[np.concatenate(parts[:2])])
+    official = read_config({"dataset": {"path": "x", "split": "official"}, "output": "y"}).dataset
+    with pytest.raises(DatasetError, match="no official split"):
+        split(dataset, official, "validation", 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"epoch": 3}, "unknown setting epoch"),
+        ({"protocol": {"epochs": 0}}, r"protocol\.epochs must be positive, got 0"),
+        ({"protocol": {"epochs": "ten"}}, r"protocol\.epochs must be int, got 'ten'"),
+        ({"protocol": {"selection": "luck"}}, r"protocol\.selection must be one of"),
+        ({"dataset": {"classes": ["mug"]}}, "a setting is missing in dataset"),
+        ({"dataset": {"path": "x", "train_fraction": 1.5}}, r"dataset\.train_fraction must be between 0 and 1"),
+        ({"preprocess": {"ordering": "groups", "group_size": 7}}, "group_size 7 does not divide"),
+        ({"seed": None}, "seed must be set"),
+    ],
+)
+def test_bad_setting_is_named_with_its_value(change, message):
+    with pytest.raises(ConfigError, match=message):
+        read_config({"dataset": {"path": "x"}, "output": "y"} | change)
+
+
+def test_flushing_denormals_is_on_while_training(run):
+    assert (torch.tensor(1e-40) * 1.0).item() == 0.0
