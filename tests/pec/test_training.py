@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -50,7 +51,7 @@ def test_results_are_written_and_consistent(run):
     assert confusion.sum() == results["n_samples"]["test"] == 30
     assert confusion.trace() / 30 == pytest.approx(results["best"]["test_accuracy"])
     assert results["last"]["epoch"] == 15
-    assert results["n_samples"] == {"train": 78, "selection": 12, "test": 30}
+    assert results["n_samples"] == {"train": 84, "selection": 6, "test": 30}
     assert list((output / "tensorboard").iterdir())
 
 
@@ -92,8 +93,7 @@ def test_killed_run_ends_in_the_same_weights(run, shapes, tmp_path):
 
 def test_replacement_killed_between_its_renames_is_undone(run, shapes, tmp_path):
     output, _ = run
-    for epochs in ("last", "best"):
-        (tmp_path / f"{epochs}.old.tmp").symlink_to(output / epochs)
+    shutil.copytree(output / "last", tmp_path / "last.old.tmp")
     assert read_training_state(tmp_path / "last").progress["epoch"] == 15
 
 
