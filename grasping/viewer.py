@@ -1,0 +1,301 @@
+"""An interactive picture of clouds, regions and grasps, as HTML that needs nothing but a browser.
+
+`fragment(...)` is one figure: drag to turn, wheel or pinch to zoom, point at something to read what it is, step
+through the grasps. A page holds any number of figures and one copy of `assets()`; `page(title, body)` writes such a
+page. Nothing is fetched from anywhere, so the file can be mailed, archived and opened offline.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from grasping.errors import CloudError
+from grasping.grasp import Grasp, GraspPlan
+from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.gripper_shape import gripper_parts
+
+_REGIONS = "Regions"
+_PALETTE = ("#2f7ed8", "#e08a1e", "#1fa187", "#c2549d", "#8a6fd1", "#6b8e23", "#d1603d", "#4aa3a2")
+_BEST_RGB, _WORST_RGB = (20, 160, 140), (226, 190, 84)
+_REJECTED_RGB = (176, 128, 132)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Points that share one colour and one label.
+
+    points: (M, 3), metres, in the frame that all layers and the plan of a figure share. label: the first line that
+    is shown on hover, and the legend's text. details: further lines. group: layers of one group are seen together,
+    and a switch chooses between groups.
+    """
+
+    points: np.ndarray
+    label: str
+    details: tuple[str, ...] = ()
+    group: str = "Objects"
+
+
+def fragment(
+    plan: GraspPlan | None = None,
+    cloud: np.ndarray | None = None,
+    *,
+    gripper: Gripper = ROBOTIQ_2F_140,
+    layers: Sequence[Layer] = (),
+    up: Sequence[float] | np.ndarray | None = None,
+    caption: str = "",
+    max_points: int = 20_000,
+    max_grasps: int = 20,
+) -> str:
+    """One figure as HTML, to be placed in a page that has `assets()` in its head.
+
+    plan: its regions are coloured by score and its candidates, best first, carry the gripper drawn to scale.
+    cloud: (N, 3) metres, the surroundings, drawn in grey; rows with NaN are left out. layers: labelled clouds, such
+    as classified objects. up: (3,) unit vector away from the table in the cloud's frame; None: the frame is a
+    camera's, and up is its -y. max_points: larger clouds are thinned evenly to as many points.
+
+    Raises CloudError where there is nothing to draw or an array is not (N, 3).
+    """
+    up_axis = _up(up)
+    entries: list[dict[str, Any]] = []
+    shapes: list[np.ndarray] = []
+    if plan is not None:
+        for index, region in enumerate(plan.regions):
+            points = _points(region.points, f"plan.regions[{index}].points")
+            entries.append(_region_entry(plan, index))
+            shapes.append(points)
+    for index, layer in enumerate(layers):
+        shapes.append(_points(layer.points, f"layers[{index}].points"))
+        text = [layer.label, *layer.details]
+        entries.append({"group": layer.group, "rgb": _rgb(_PALETTE[index % len(_PALETTE)]), "text": text})
+    subject = [shape for shape in shapes if len(shape)]
+    if cloud is not None:
+        shapes.append(_points(cloud, "cloud"))
+        entries.append({"group": None, "rgb": None, "text": []})
+    if not any(len(shape) for shape in shapes):
+        raise CloudError("nothing to draw: plan, cloud and layers hold no finite point")
+
+    grasps, parts, drawn = _grasps(plan, gripper, max_grasps)
+    extent = np.concatenate([*(subject or shapes), *drawn])
+    target = (extent.min(axis=0) + extent.max(axis=0)) / 2
+    radius = float(np.linalg.norm(extent - target, axis=1).max()) or 0.05
+    for entry, shape in zip(entries, shapes, strict=True):
+        shown = _thinned(shape, max(1, max_points * len(shape) // max(1, sum(map(len, shapes)))))
+        entry.update(_packed(shown), radius=_disc_radius(shown, radius))
+    groups = list(dict.fromkeys(entry["group"] for entry in entries if entry["group"] is not None))
+    data = {
+        "layers": entries,
+        "grasps": grasps,
+        "gripper": parts,
+        "group": groups[0] if groups else None,
+        "up": _rounded(up_axis),
+        "eye": _rounded(_eye(plan, target, up_axis)),
+        "target": _rounded(target),
+        "radius": round(radius, 5),
+    }
+    return _figure(data, groups, plan, caption)
+
+
+def assets() -> str:
+    """The style and the script that all figures of a page share: once, in its head."""
+    here = files("grasping")
+    styles = "\n".join((here / name).read_text(encoding="utf-8") for name in ("page.css", "viewer.css"))
+    scripts = "\n".join((here / name).read_text(encoding="utf-8") for name in ("viewer_raster.js", "viewer.js"))
+    return f"<style>\n{styles}</style>\n<script>\n{scripts}</script>"
+
+
+def page(title: str, body: str, *, style: str = "") -> str:
+    """A whole self-contained HTML document. title: plain text; body: HTML; style: further CSS."""
+    extra = f"<style>\n{style}</style>" if style else ""
+    # The policy makes the browser itself refuse whatever is not in the file or beside it.
+    policy = (
+        "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
+        "img-src data:; media-src 'self' file:"
+    )
+    return (
+        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        f'<link rel="icon" href="data:,">\n<title>{html.escape(title)}</title>\n{assets()}\n{extra}\n</head>\n'
+        f"<body>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def script_json(data: object) -> str:
+    """JSON that may stand inside a <script>: no character of it can end the element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, caption: str) -> str:
+    bar, legends = [], []
+    if len(groups) > 1:
+        buttons = "".join(
+            f'<button type="button" data-group="{html.escape(group)}" aria-pressed="{str(k == 0).lower()}">'
+            f"{html.escape(group)}</button>"
+            for k, group in enumerate(groups)
+        )
+        bar.append(f'<span class="pgv-groups">{buttons}</span>')
+    grasps = data["grasps"]
+    if grasps:
+        bar.append('<label class="pgv-gripper"><input type="checkbox" checked> gripper</label>')
+        first = html.escape(f"1 of {len(grasps)}: {' · '.join(grasps[0]['text'])}")
+        slider = f'<input type="range" min="0" max="{len(grasps) - 1}" value="0" step="1" aria-label="grasp">'
+        bar.append(f'<span class="pgv-steps">{slider if len(grasps) > 1 else ""}<output>{first}</output></span>')
+    for k, group in enumerate(groups):
+        items = _score_legend(plan) if group == _REGIONS and plan is not None else _label_legend(data["layers"], group)
+        hidden = "" if k == 0 else " hidden"
+        legends.append(f'<div class="pgv-legend" data-legend="{html.escape(group)}"{hidden}>{items}</div>')
+    words = html.escape(caption)
+    return (
+        f'<figure class="pgv">\n<div class="pgv-stage"><canvas tabindex="0" role="img" '
+        f'aria-label="{words or "point cloud"}; drag or use the arrow keys to turn, wheel or plus and minus to zoom">'
+        f'</canvas><div class="pgv-tip" hidden></div><div class="pgv-ruler"></div>'
+        f'<button type="button" class="pgv-reset" title="back to the first view">reset</button></div>\n'
+        f'<div class="pgv-bar">{"".join(bar)}</div>\n{"".join(legends)}\n'
+        f"{f'<figcaption>{words}</figcaption>' if caption else ''}\n"
+        f'<script type="application/json">{script_json(data)}</script>\n</figure>'
+    )
+
+
+def _label_legend(entries: list[dict[str, Any]], group: str) -> str:
+    return "".join(
+        f'<span><i style="background:rgb{tuple(entry["rgb"])}"></i>{html.escape(entry["text"][0])}</span>'
+        for entry in entries
+        if entry["group"] == group
+    )
+
+
+def _score_legend(plan: GraspPlan) -> str:
+    scores = [grasp.score for grasp in plan.candidates]
+    items = []
+    if len(scores) > 1:
+        ramp = f"linear-gradient(90deg,rgb{_WORST_RGB},rgb{_BEST_RGB})"
+        items.append(
+            f'<span>score {scores[-1]:.3g} <i class="ramp" style="background:{ramp}"></i>{scores[0]:.3g}</span>'
+        )
+    elif scores:
+        items.append(f'<span><i style="background:rgb{_BEST_RGB}"></i>candidate</span>')
+    if len({grasp.region for grasp in plan.candidates} - {None}) < len(plan.regions):
+        items.append(f'<span><i style="background:rgb{_REJECTED_RGB}"></i>not grasped</span>')
+    return "".join(items)
+
+
+def _region_entry(plan: GraspPlan, index: int) -> dict[str, Any]:
+    region = plan.regions[index]
+    text = [
+        f"region {index}: {region.primitive}",
+        str(region.verdict),
+        f"width {1000 * region.width:.0f} mm",
+        f"lateral curvature {region.curvature:.4f}",
+    ]
+    scores = [grasp.score for grasp in plan.candidates]
+    rank = next((k for k, grasp in enumerate(plan.candidates) if grasp.region == index), None)
+    rgb: Sequence[int] = _REJECTED_RGB
+    if rank is not None:
+        text.insert(2, f"rank {rank + 1} of {len(scores)}, score {scores[rank]:.3g}")
+        span = scores[0] - scores[-1]
+        quality = (scores[rank] - scores[-1]) / span if span else 1.0
+        rgb = [round(w + quality * (b - w)) for w, b in zip(_WORST_RGB, _BEST_RGB, strict=True)]
+    elif any(grasp.kind == "primitive" for grasp in plan.candidates):
+        rgb = _BEST_RGB  # the whole object is one primitive: every region of it is grasped
+    return {"group": _REGIONS, "rgb": list(rgb), "text": text}
+
+
+def _grasps(plan: GraspPlan | None, gripper: Gripper, limit: int) -> tuple[list, list, list[np.ndarray]]:
+    """The candidates with each gripper part's pose, the parts, and the best grasp's vertices in the cloud's frame."""
+    candidates = list(plan.candidates[:limit]) if plan is not None else []
+    grasps: list[dict[str, Any]] = []
+    shapes: list[dict[str, Any]] = []
+    drawn: list[np.ndarray] = []
+    for grasp in candidates:
+        parts = gripper_parts(gripper, grasp.width)
+        poses = [np.asarray(grasp.pose) @ part.T_grasp_part for part in parts]
+        region = None if grasp.region is None else int(grasp.region)
+        terms = [f"{name} {value:.3g}" for name, value in grasp.terms.items()]
+        flat = [_rounded(pose[:3]) for pose in poses]
+        grasps.append({"poses": flat, "layer": region, "text": _words(grasp), "terms": terms})
+        if not shapes:
+            shapes = [
+                {"vertices": _rounded(part.vertices), "faces": part.faces.ravel().tolist(), "rgb": list(part.rgb)}
+                | {"text": [f"{gripper.name}: {part.name}"]}
+                for part in parts
+            ]
+            drawn = [part.vertices @ pose[:3, :3].T + pose[:3, 3] for part, pose in zip(parts, poses, strict=True)]
+    return grasps, shapes, drawn
+
+
+def _words(grasp: Grasp) -> list[str]:
+    where = f"region {grasp.region}" if grasp.kind == "region" else "whole object"
+    return [where, f"width {1000 * grasp.width:.0f} mm", f"score {grasp.score:.3g}"]
+
+
+def _points(points: np.ndarray, name: str) -> np.ndarray:
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise CloudError(f"{name} must have shape (N, 3), not {array.shape}")
+    return array[np.isfinite(array).all(axis=1)]
+
+
+def _thinned(points: np.ndarray, limit: int) -> np.ndarray:
+    """Every so many-th point. Frames are in raster order, so this keeps their pattern even."""
+    if len(points) <= limit:
+        return points
+    return points[np.linspace(0, len(points) - 1, limit).round().astype(int)]
+
+
+def _packed(points: np.ndarray) -> dict[str, Any]:
+    """Coordinates as uint16 over their bounding box: 6 bytes a point, 15 µm steps over a metre."""
+    if not len(points):
+        return {"xyz": "", "origin": [0, 0, 0], "step": [0, 0, 0]}
+    origin = points.min(axis=0)
+    step = np.maximum(np.ptp(points, axis=0) / 65535, 1e-12)
+    codes = np.rint((points - origin) / step).astype("<u2")
+    return {"xyz": base64.b64encode(codes.tobytes()).decode(), "origin": origin.tolist(), "step": step.tolist()}
+
+
+def _disc_radius(points: np.ndarray, scene_radius: float) -> float:
+    """Half the usual distance between neighbours: discs that just close the surface. Metres."""
+    if len(points) < 2:
+        return round(scene_radius / 60, 6)
+    sample = points[:: max(1, len(points) // 400)]
+    spacing = float(np.median(cKDTree(points).query(sample, k=2)[0][:, 1]))
+    return round(float(np.clip(0.75 * spacing, scene_radius / 400, scene_radius / 40)), 6)
+
+
+def _up(up: Sequence[float] | np.ndarray | None) -> np.ndarray:
+    axis = np.array([0.0, -1.0, 0.0]) if up is None else np.asarray(up, dtype=np.float64)
+    if axis.shape != (3,) or not np.isfinite(axis).all() or np.linalg.norm(axis) < 1e-9:
+        raise CloudError(f"up must be a finite vector of three numbers, not {up!r}")
+    return axis / np.linalg.norm(axis)
+
+
+def _eye(plan: GraspPlan | None, target: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Unit vector from the target to the viewer: along the finger's hinge axis, so that the closing shows, from above.
+
+    Of the two sides the one towards the frame's origin, where a depth camera saw the points from.
+    """
+    sideways = plan.best.pose[:3, 1] if plan is not None and plan.best is not None else -target
+    flat = sideways - (sideways @ up) * up
+    if np.linalg.norm(flat) < 1e-6:
+        flat = np.cross(up, np.roll(up, 1))
+    if flat @ -target < 0:
+        flat = -flat
+    direction = 0.82 * flat / np.linalg.norm(flat) + 0.57 * up
+    return direction / np.linalg.norm(direction)
+
+
+def _rgb(colour: str) -> list[int]:
+    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(value), 5) for value in np.asarray(values).ravel()]

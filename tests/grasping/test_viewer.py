@@ -1,0 +1,195 @@
+"""The viewer: data that survives the trip into the page, text that cannot break out of it, a gripper to scale."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grasping.errors import CloudError
+from grasping.grasp import Grasp, GraspPlan, RegionReport
+from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.gripper_shape import gripper_parts
+from grasping.viewer import Layer, fragment, page
+
+HAND = Gripper("hand", 0.08, 0.02, 0.018, 0.01, max_force=70, min_force=5, palm_depth=0.066, depth_offset=0.1034)
+HOSTILE = '</script><b>"it\'s" & co</b><!--'
+
+
+def decoded(layer: dict) -> np.ndarray:
+    codes = np.frombuffer(base64.b64decode(layer["xyz"]), dtype="<u2").reshape(-1, 3)
+    return np.array(layer["origin"]) + codes * np.array(layer["step"])
+
+
+def cloud(seed: int = 0, n: int = 300) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-0.05, 0.05, (n, 3)) + np.array([0, 0, 0.6])
+
+
+def two_region_plan() -> GraspPlan:
+    points = cloud()
+    low, high = points[points[:, 0] < 0], points[points[:, 0] >= 0]
+    regions = [
+        RegionReport(low, "cylinder", 0.05, 0.011, "candidate", slab=0),
+        RegionReport(high, "box", 0.05, 0.017, "candidate", slab=1),
+        RegionReport(high[:20], "box", 0.2, 0.03, f"too wide {HOSTILE}", slab=1, cluster=0),
+    ]
+    grasps = []
+    for index, score in ((1, 0.9), (0, 0.4)):
+        pose = np.eye(4)
+        pose[:3, 3] = regions[index].points.mean(axis=0)
+        grasps.append(Grasp(pose, 0.05, score, "region", index, {"margin": 0.5}))
+    return GraspPlan(grasps[0], grasps, regions, None)
+
+
+def data_of(outline, html: str) -> dict:
+    return json.loads(outline(page("t", html)).data[0])
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 400), st.floats(1e-3, 50))
+@settings(max_examples=30, deadline=None)
+def test_points_survive_the_trip_to_a_65535th_of_their_extent(seed: int, n: int, size: float) -> None:
+    points = np.random.default_rng(seed).normal(0, size, (n, 3)).astype(np.float32)
+    layers = json.loads(re.search(r'application/json">(.*?)</script>', fragment(cloud=points))[1])["layers"]
+    assert np.all(np.abs(decoded(layers[0]) - points) <= np.ptp(points, axis=0) / 65535 + 1e-9)
+
+
+def test_rows_with_nan_are_left_out_and_large_clouds_are_thinned_to_the_limit(outline) -> None:
+    points = cloud(n=1000)
+    points[::10] = np.nan
+    assert len(decoded(data_of(outline, fragment(cloud=points))["layers"][0])) == 900
+    thin = decoded(data_of(outline, fragment(cloud=points, max_points=200))["layers"][0])
+    assert len(thin) == 200
+    known = points[np.isfinite(points).all(axis=1)]
+    assert np.abs(thin[:, None] - known[None]).max(axis=2).min(axis=1).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"cloud": np.zeros((4, 2))}, r"cloud.*\(4, 2\)"),
+        ({"cloud": np.full((4, 3), np.nan)}, "nothing to draw"),
+        ({}, "nothing to draw"),
+        ({"cloud": cloud(), "up": (0, 0, 0)}, "up"),
+        ({"cloud": cloud(), "layers": [Layer(np.zeros(3), "flat")]}, r"layers\[0\].*\(3,\)"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_by_name(arguments: dict, named: str) -> None:
+    with pytest.raises(CloudError, match=named):
+        fragment(**arguments)
+
+
+def test_labels_captions_and_titles_cannot_break_out_of_the_page(outline) -> None:
+    layers = [Layer(cloud(1), HOSTILE, (HOSTILE,), group=HOSTILE), Layer(cloud(2), "b", group="other")]
+    seen = outline(page(HOSTILE, fragment(two_region_plan(), layers=layers, caption=HOSTILE)))
+    layer = next(layer for layer in json.loads(seen.data[0])["layers"] if layer["group"] == HOSTILE)
+    assert layer["text"] == [HOSTILE, HOSTILE]
+    assert seen.text.count(HOSTILE) >= 4  # title, button, legend, caption
+
+
+def test_regions_are_coloured_from_the_worst_score_to_the_best_and_carry_their_verdict(outline) -> None:
+    layers = data_of(outline, fragment(two_region_plan()))["layers"]
+    assert [layer["group"] for layer in layers] == ["Regions"] * 3
+    assert len({tuple(layer["rgb"]) for layer in layers}) == 3
+    assert "rank 1 of 2, score 0.9" in layers[1]["text"]
+    assert layers[2]["text"][1] == f"too wide {HOSTILE}"
+
+
+def test_the_slider_steps_through_the_candidates_with_the_gripper_at_each(outline) -> None:
+    plan = two_region_plan()
+    html = fragment(plan)
+    data = data_of(outline, html)
+    assert 'max="1"' in html
+    assert [grasp["layer"] for grasp in data["grasps"]] == [1, 0]
+    parts = gripper_parts(ROBOTIQ_2F_140, plan.candidates[1].width)
+    for part, pose in zip(parts, data["grasps"][1]["poses"], strict=True):
+        expected = plan.candidates[1].pose @ part.T_grasp_part
+        np.testing.assert_allclose(np.reshape(pose, (3, 4)), expected[:3], atol=1e-5)
+
+
+def test_a_plan_without_a_grasp_and_a_lone_point_are_drawn(outline) -> None:
+    regions = two_region_plan().regions
+    assert data_of(outline, fragment(GraspPlan(None, [], regions, "all too wide")))["grasps"] == []
+    assert data_of(outline, fragment(cloud=np.zeros((1, 3))))["radius"] > 0
+
+
+@pytest.mark.parametrize("gripper", [ROBOTIQ_2F_140, HAND])
+@given(share=st.floats(0, 1))
+@settings(max_examples=30, deadline=None)
+def test_pads_are_as_far_apart_as_the_opening_and_the_palm_stands_at_the_flange(gripper, share: float) -> None:
+    opening = share * gripper.stroke
+    corners = {
+        part.name: part.vertices @ part.T_grasp_part[:3, :3].T + part.T_grasp_part[:3, 3]
+        for part in gripper_parts(gripper, opening)
+    }
+    assert corners["right pad"][:, 0].min() == pytest.approx(opening / 2)
+    assert corners["left pad"][:, 0].max() == pytest.approx(-opening / 2)
+    assert np.ptp(corners["left pad"], axis=0) == pytest.approx(
+        [gripper.finger_thickness, gripper.finger_width, gripper.pad_length]
+    )
+    assert corners["palm"][:, 2].min() == pytest.approx(-gripper.pad_depth(opening))
+    assert np.ptp(corners["palm"][:, 2]) == pytest.approx(gripper.palm_depth)
+
+
+@pytest.mark.parametrize("gripper", [ROBOTIQ_2F_140, HAND])
+def test_parts_are_rigid_closed_and_face_outwards(gripper) -> None:
+    closed, wide = gripper_parts(gripper, 0.0), gripper_parts(gripper, gripper.stroke)
+    for one, other in zip(closed, wide, strict=True):
+        np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-9)
+        np.testing.assert_allclose(one.T_grasp_part[:3, :3] @ one.T_grasp_part[:3, :3].T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(one.T_grasp_part[:3, :3]) == pytest.approx(1)
+        edges = np.sort(one.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
+        a, b, c = np.moveaxis(one.vertices[one.faces], 1, 0)
+        assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 > 0
+
+
+def test_a_browser_turns_zooms_names_and_steps_without_a_word_on_its_console(browse) -> None:
+    figures = [fragment(two_region_plan(), layers=[Layer(cloud(), HOSTILE)], up=(0, 0, -1))] * 20
+    script = """<script>addEventListener("load", () => setTimeout(() => {
+      const figure = document.querySelector("figure.pgv"), viewer = figure.pgv, canvas = viewer.canvas;
+      const box = canvas.getBoundingClientRect(), report = {};
+      const x = box.left + box.width / 2, y = box.top + box.height / 2;
+      const send = (type, dx, dy, buttons) => canvas.dispatchEvent(new PointerEvent(type,
+        { pointerId: 1, pointerType: "mouse", clientX: x + dx, clientY: y + dy, buttons, bubbles: true }));
+      const look = () => [viewer.yaw, viewer.pitch, viewer.zoom, viewer.grasp, viewer.group];
+      report.first = look();
+      send("pointerdown", 0, 0, 1); send("pointermove", 50, 20, 1); send("pointerup", 50, 20, 0);
+      report.dragged = look();
+      canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, cancelable: true, bubbles: true }));
+      report.zoomed = look();
+      figure.querySelector(".pgv-reset").click();
+      figure.querySelector(".pgv-gripper input").click();
+      viewer.paint(false);
+      for (let dx = -200; dx < 200 && viewer.tip.hidden; dx += 20)
+        for (let dy = -200; dy < 200 && viewer.tip.hidden; dy += 20) send("pointermove", dx, dy, 0);
+      report.tip = viewer.tip.hidden ? null : [...viewer.tip.children].map((line) => line.textContent);
+      const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+      report.painted = pixels.filter((value, i) => i % 4 === 3 && value > 0).length / (canvas.width * canvas.height);
+      const slider = figure.querySelector("input[type=range]");
+      slider.value = 1; slider.dispatchEvent(new Event("input"));
+      report.stepped = [...look(), figure.querySelector("output").textContent];
+      figure.querySelectorAll("[data-group]")[1].click();
+      report.switched = look();
+      report.idle = [...document.querySelectorAll("canvas")].filter((other) => other.width === 0).length;
+      const out = Object.assign(document.createElement("pre"), { id: "out", textContent: JSON.stringify(report) });
+      document.body.append(out);
+    }, 500));</script>"""
+    dom, console = browse(page("t", "".join(figures)).replace("</body>", script + "</body>"))
+    report = json.loads(re.search(r'<pre id="out">(.*?)</pre>', dom)[1])
+    assert console == []
+    first = report["first"]
+    assert first[2:] == [1, 0, "Regions"]
+    assert report["dragged"][0] == pytest.approx(first[0] - 0.5)
+    assert report["dragged"][1] == pytest.approx(min(np.pi / 2, first[1] + 0.2))
+    assert report["zoomed"][2] > 1.1
+    assert report["tip"][0] in {"region 0: cylinder", "region 1: box"}
+    assert 0.02 < report["painted"] < 0.9
+    assert report["stepped"][3] == 1
+    assert report["stepped"][5].startswith("2 of 2: region 0")
+    assert report["switched"][4] == "Objects"
+    assert report["idle"] >= 10  # off-screen figures hold no pixels
