@@ -1,0 +1,87 @@
+"""The boundary of the package: what may come in as a cloud, a direction or a plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasping.errors import CloudError, ConfigError
+
+# An object for one hand is never this large: such a cloud is in millimetres, or is a whole scene.
+LARGEST_OBJECT = 2.0
+# Beyond this a float32 coordinate is coarser than a millimetre.
+FARTHEST = 1.0e4
+
+
+def object_cloud(points: ArrayLike, *, at_least: int = 10, name: str = "points") -> NDArray[np.float64]:
+    """Return the cloud of one object as (N, 3) float64, m. Raises CloudError where it is no such thing."""
+    cloud = as_cloud(points, name=name)
+    if len(cloud) < at_least:
+        raise CloudError(f"{name}: {len(cloud)} points, at least {at_least} are needed")
+    span = float(np.ptp(cloud, axis=0).max())
+    if span > LARGEST_OBJECT:
+        raise CloudError(f"{name}: spans {span:.6g} m, more than {LARGEST_OBJECT} m; are these millimetres or a scene?")
+    return cloud
+
+
+def as_cloud(points: ArrayLike, *, name: str) -> NDArray[np.float64]:
+    """Return (N, 3) float64, N may be 0. Raises CloudError for another shape, text, NaN, infinity or huge values."""
+    try:
+        cloud = np.asarray(points)
+        if np.iscomplexobj(cloud):
+            raise TypeError("complex numbers")
+        cloud = cloud.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise CloudError(f"{name}: not an array of numbers ({error})") from error
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise CloudError(f"{name}: shape {cloud.shape}, expected (N, 3)")
+    if cloud.size and not np.abs(cloud).max() <= FARTHEST:
+        bad = np.flatnonzero(~(np.abs(cloud).max(axis=1) <= FARTHEST))
+        raise CloudError(
+            f"{name}: {len(bad)} of {len(cloud)} points not finite or beyond {FARTHEST:g} m, first {bad[0]}"
+        )
+    return cloud
+
+
+def unit_vector(vector: ArrayLike, *, name: str) -> NDArray[np.float64]:
+    """Return a (3,) vector scaled to length one. Raises ConfigError where it has no direction."""
+    try:
+        value = np.asarray(vector, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{name} = {vector!r} is not a vector of three numbers") from error
+    length = float(np.linalg.norm(value)) if value.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 1e-9):
+        raise ConfigError(f"{name} = {vector!r} is not a direction (3,)")
+    return value / length
+
+
+def plane_equation(plane: ArrayLike, *, name: str = "table") -> NDArray[np.float64]:
+    """Return a plane (4,), n·p + d = 0, with n of length one. Raises ConfigError where it is none."""
+    try:
+        value = np.asarray(plane, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{name} = {plane!r} is not a plane (4,)") from error
+    length = float(np.linalg.norm(value[:3])) if value.shape == (4,) else 0.0
+    if not (np.isfinite(value).all() and length > 1e-9):
+        raise ConfigError(f"{name} = {plane!r} is not a plane (4,), n·p + d = 0")
+    return value / length
+
+
+def workspace(
+    up: ArrayLike | None, table: ArrayLike | None, obstacles: ArrayLike | None
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, NDArray[np.float64]]:
+    """Check what a planner is told of the scene: (up (3,) | None, table (4,) | None, obstacles (K, 3)).
+
+    A table alone also says where up is. Raises ConfigError where the two contradict each other by more than 45°.
+    """
+    neighbours = np.empty((0, 3)) if obstacles is None else as_cloud(obstacles, name="obstacles")
+    plane = None if table is None else plane_equation(table)
+    if up is None:
+        return (None if plane is None else plane[:3]), plane, neighbours
+    direction = unit_vector(up, name="up")
+    if plane is None:
+        return direction, None, neighbours
+    if abs(float(direction @ plane[:3])) < np.cos(np.pi / 4):
+        raise ConfigError(f"up = {up!r} is more than 45° off the normal of table = {table!r}")
+    plane = plane * np.sign(direction @ plane[:3])
+    return plane[:3], plane, neighbours

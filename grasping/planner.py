@@ -1,0 +1,300 @@
+"""The planner for a real arm: one depth camera's view of an object on a table → grasps that the arm can take.
+
+It keeps the dissertation's order of ideas (axes, slabs and their parts, primitives, lateral curvature: `published.py`)
+and departs from it where a one-sided cloud and a real hand ask for it:
+
+- The approach is straight down on the table, or tilted where nothing else is left; without a table it is along the
+  cloud's own axes.
+- Slabs lie across every heading of the gripper, not only across the long axis, and overlap (`profiles.scan`).
+- What the camera cannot see below a seen surface counts as the object, down to the table.
+- Lateral curvature is measured on the contour under the pad (`contacts.refine`), at one length, that of the pad; σ of a
+  number of neighbours depends on the density of the cloud and on the view.
+- Fingers must come down beside the object, clear of the table and of the neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasping.clouds import object_cloud, workspace
+from grasping.contacts import Contacts, refine
+from grasping.errors import ConfigError
+from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
+from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.profiles import Holds, scan
+from grasping.published import PublishedPlanner
+from grasping.survey import report_regions, single_primitive
+from grasping.views import View, views_from_above, views_without_table
+
+FloatArray = NDArray[np.float64]
+
+# Weights of the terms, each in [0, 1]; a score is their weighted mean.
+WEIGHTS = {
+    "contact": 0.20,  # share of the pads' width that touches: one minus the contour's lateral curvature
+    "angle": 0.20,  # how far within the friction cone the contacts are
+    "overlap": 0.20,  # how deep the pads reach beside the surface that they touch
+    "centre": 0.20,  # nearness to the centre of mass
+    "room": 0.10,  # free space for the fingers beyond what they need
+    "narrow": 0.05,  # across the narrow side
+    "whole": 0.05,  # around all of the slab and not around a part of it
+}
+REFINED = 8  # holds of the coarse scan that are looked at closely
+ALIKE_PLACE, ALIKE_HEADING = 0.012, math.radians(20)  # holds nearer than this are one
+LEAST_OVERLAP = 0.004  # m
+FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
+DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
+
+
+class CurvaturePlanner:
+    """Plan grasps for a two-finger gripper on the cloud of one object.
+
+    side_clearance: free space between an open pad and the object on the way in, m.
+    tip_clearance: the tips stay this far above a known table, m.
+    stroke_margin: the opening at contact stays this far below the stroke, m.
+    friction: coefficient between pad and object; contacts outside its cone slip.
+    headings: number of closing directions that the scan tries over half a turn; each hold found is then turned freely.
+    max_tilt: of the approach against straight down, rad, where straight down finds nothing; 0 never tilts.
+    n_points: larger clouds are thinned to about this many points.
+
+    Terms of a grasp: those of the score (`WEIGHTS`) and, for the policy, `opening`: to come in with, m; `tip_height`:
+    of the tips above the table, or above the lowest point seen, m; `tilt`: of the approach, rad.
+    """
+
+    def __init__(
+        self,
+        gripper: Gripper = ROBOTIQ_2F_140,
+        *,
+        side_clearance: float = 0.005,
+        tip_clearance: float = 0.004,
+        stroke_margin: float = 0.010,
+        friction: float = 0.4,
+        headings: int = 12,
+        max_tilt: float = math.radians(35),
+        n_points: int = 2000,
+    ) -> None:
+        for name, value, least, most in (
+            ("side_clearance", side_clearance, 0.0, gripper.stroke / 2),
+            ("tip_clearance", tip_clearance, 0.0, 0.1),
+            ("stroke_margin", stroke_margin, 0.0, 0.9 * gripper.stroke),
+            ("friction", friction, 0.05, 5.0),
+            ("headings", headings, 2, 180),
+            ("max_tilt", max_tilt, 0.0, 1.2),
+            ("n_points", n_points, 50, 10**7),
+        ):
+            if not (math.isfinite(value) and least <= value <= most):
+                raise ConfigError(f"{name} = {value!r} must be between {least:g} and {most:g}")
+        self.gripper = gripper
+        self.side_clearance = side_clearance
+        self.tip_clearance = tip_clearance
+        self.stroke_margin = stroke_margin
+        self.friction = friction
+        self.headings = headings
+        self.max_tilt = max_tilt
+        self.n_points = n_points
+
+    @staticmethod
+    def published(gripper: Gripper = ROBOTIQ_2F_140) -> PublishedPlanner:
+        """The planner of the dissertation's chapter 5, with its own parameters."""
+        return PublishedPlanner(gripper)
+
+    def plan(
+        self,
+        points: ArrayLike,
+        *,
+        up: ArrayLike | None = None,
+        table: ArrayLike | None = None,
+        obstacles: ArrayLike | None = None,
+    ) -> GraspPlan:
+        """Plan on the cloud (N, 3) of one object, m, in any frame.
+
+        up: (3,) away from the table. table: plane (4,), n·p + d = 0. obstacles: (K, 3) points of other things.
+        All in the cloud's frame. Raises CloudError for a cloud, ConfigError for a scene that is none.
+        """
+        cloud = object_cloud(points)
+        up_vector, plane, neighbours = workspace(up, table, obstacles)
+        if up_vector is None:
+            views = views_without_table(cloud, neighbours, self.n_points)
+        else:
+            views = views_from_above(cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._reach)
+        failures: list[str] = []
+        regions: list[RegionReport] = []
+        for number, view in enumerate(views):
+            if number == 0:
+                first = view
+            candidates, holds, reason = self._plan_view(view)
+            if number == 0:
+                regions = report_regions(view, holds, self.gripper, self._greatest_width)
+            if candidates:
+                primitive = single_primitive(regions)
+                grasps = [
+                    self._grasp(view, contacts, terms, regions, first, primitive) for contacts, terms in candidates
+                ]
+                return plan_from(grasps, regions, "")
+            failures.append(reason)
+        return plan_from([], regions, failures[0])
+
+    @property
+    def _greatest_width(self) -> float:
+        return self.gripper.stroke - self.stroke_margin
+
+    @property
+    def _finger_room(self) -> float:
+        return self.side_clearance + self.gripper.finger_thickness
+
+    @property
+    def _wished_room(self) -> float:
+        return self._finger_room + 0.015
+
+    @property
+    def _reach(self) -> float:
+        """From the tips to the palm at the greatest opening, where it is least, less a margin of 10 mm, m."""
+        return (
+            self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length - self.gripper.palm_depth - 0.01
+        )
+
+    def _plan_view(self, view: View) -> tuple[list[tuple[Contacts, dict[str, float]]], Holds | None, str]:
+        """All grasps along one approach with the terms of their scores, the coarse holds, and why there is none."""
+        top = float(view.height.max())
+        lowest = max(view.floor + self.tip_clearance, top - self._reach)
+        deepest_top = top - LEAST_OVERLAP
+        if deepest_top <= lowest:
+            high, clear = (top - view.floor) * 1e3, self.tip_clearance * 1e3
+            return [], None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"
+        count = min(MOST_DEPTHS, 1 + math.ceil((deepest_top - lowest) / DEPTH_STEP))
+        tips = np.linspace(lowest, deepest_top, count, endpoint=False)
+        found = scan(
+            view.xy,
+            view.height,
+            view.obstacle_xy,
+            view.obstacle_height,
+            tips=tips,
+            headings=np.linspace(0.0, np.pi, self.headings, endpoint=False),
+            pad_width=self.gripper.finger_width,
+            finger_room=self._finger_room,
+            wished_room=self._wished_room,
+            greatest_width=self._greatest_width,
+        )
+        holds = found.holds
+        if not len(holds):
+            if found.too_wide:
+                wide, most = found.narrowest * 1e3, self._greatest_width * 1e3
+                return [], holds, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
+            return [], holds, "no room for the fingers: something stands beside the object on every line across it"
+        kept: list[tuple[Contacts, dict[str, float]]] = []
+        refused: dict[str, int] = {}
+        for index in self._select(holds, view):
+            one = holds.take(np.array([index]))
+            contacts = refine(
+                view.xy,
+                view.height,
+                view.obstacle_xy,
+                view.obstacle_height,
+                heading=float(one.heading[0]),
+                x=float(one.x[0]),
+                y=float(one.y[0]),
+                tip=float(one.tip[0]),
+                width=float(one.width[0]),
+                gripper=self.gripper,
+                finger_room=self._finger_room,
+                wished_room=self._wished_room,
+            )
+            problem = self._problem(contacts)
+            if problem is not None or contacts is None:
+                refused[problem or ""] = refused.get(problem or "", 0) + 1
+                continue
+            kept.append((contacts, self._terms(contacts, view, bool(one.whole[0]))))
+        reason = "none of the best places holds: " + "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
+        return kept, holds, reason
+
+    def _problem(self, contacts: Contacts | None) -> str | None:
+        if contacts is None:
+            return "too few points between the pads"
+        if contacts.width > self._greatest_width:
+            return "too wide"
+        if contacts.blocked:
+            return "no room for the fingers"
+        if contacts.overlap < LEAST_OVERLAP:
+            return "the pads would touch a slope"
+        if contacts.angle > math.atan(self.friction):
+            return "the contacts slip"
+        return None
+
+    def _select(self, holds: Holds, view: View) -> list[int]:
+        """The best holds of the scan, each unlike those before it."""
+        distance = np.hypot(holds.x - view.centre[0], holds.y - view.centre[1])
+        # The scan's resolution blurs angles by about 0.15 rad, so here a slope only costs and does not exclude.
+        score = self._weigh(
+            {
+                "angle": np.clip(1.0 - holds.angle / (math.atan(self.friction) + 0.15), 0.0, 1.0),
+                "overlap": _overlap_term(holds.overlap),
+                "centre": np.clip(1.0 - distance / FAR_FROM_CENTRE, 0.0, 1.0),
+                "room": holds.room,
+                "narrow": 1.0 - holds.width / self.gripper.stroke,
+                "whole": holds.whole.astype(np.float64),
+            }
+        )
+        score = np.where(holds.overlap >= LEAST_OVERLAP, score, score - 1.0)
+        chosen: list[int] = []
+        for _ in range(REFINED):
+            best = int(score.argmax())
+            if not np.isfinite(score[best]):
+                break
+            chosen.append(best)
+            turn = np.abs(holds.heading - holds.heading[best])
+            turn = np.minimum(turn, np.pi - turn)
+            near = np.hypot(holds.x - holds.x[best], holds.y - holds.y[best]) < ALIKE_PLACE
+            alike = near & (turn < ALIKE_HEADING) & (np.abs(holds.tip - holds.tip[best]) < 1.5 * DEPTH_STEP)
+            score = np.where(alike, -np.inf, score)
+        return chosen
+
+    def _terms(self, contacts: Contacts, view: View, whole: bool) -> dict[str, float]:
+        distance = math.hypot(contacts.x - view.centre[0], contacts.y - view.centre[1])
+        spare = (contacts.gap - self._finger_room) / (self._wished_room - self._finger_room)
+        clear = min(contacts.gap - self.gripper.finger_thickness, 0.015)
+        return {
+            "contact": contacts.contact,
+            "angle": max(0.0, 1.0 - contacts.angle / math.atan(self.friction)),
+            "overlap": float(_overlap_term(np.array(contacts.overlap))),
+            "centre": max(0.0, 1.0 - distance / FAR_FROM_CENTRE),
+            "room": min(1.0, max(0.0, spare)),
+            "narrow": 1.0 - contacts.width / self.gripper.stroke,
+            "whole": float(whole),
+            "opening": min(self.gripper.stroke, contacts.width + 2.0 * clear),
+            "tip_height": contacts.tip - view.floor,
+            "tilt": view.tilt,
+        }
+
+    def _weigh(self, terms: dict[str, FloatArray]) -> FloatArray:
+        total = sum(WEIGHTS[name] for name in terms)
+        return sum((WEIGHTS[name] * value for name, value in terms.items()), np.zeros(())) / total
+
+    def _grasp(
+        self,
+        view: View,
+        contacts: Contacts,
+        terms: dict[str, float],
+        regions: list[RegionReport],
+        first: View,
+        primitive: str | None,
+    ) -> Grasp:
+        cos, sin = math.cos(contacts.heading), math.sin(contacts.heading)
+        closing = cos * view.axes[:, 0] + sin * view.axes[:, 1]
+        approach = -view.axes[:, 2]
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([closing, np.cross(approach, closing), approach])
+        local = np.array([contacts.x, contacts.y, contacts.tip + 0.5 * self.gripper.pad_length])
+        pose[:3, 3] = view.origin + view.axes @ local
+        score = float(sum(weight * terms[name] for name, weight in WEIGHTS.items()))
+        held = view.origin + view.axes @ np.array([contacts.x, contacts.y, contacts.tip])
+        distance = math.hypot(contacts.x - view.centre[0], contacts.y - view.centre[1])
+        if primitive is not None and distance < 0.5 * self.gripper.finger_width:
+            return Grasp(pose, contacts.width, score, "primitive", None, terms)
+        return Grasp(pose, contacts.width, score, "region", first.region_at(held, regions), terms)
+
+
+def _overlap_term(overlap: FloatArray) -> FloatArray:
+    """1 from 45 mm of pad beside the surface; most of it is earned with the first 15 mm."""
+    return 0.7 * np.clip(overlap / 0.015, 0.0, 1.0) + 0.3 * np.clip(overlap / 0.045, 0.0, 1.0)

@@ -1,0 +1,29 @@
+"""Which primitive a region looks like, and whether all regions of an object look alike (dissertation, chapter 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.grasp import Primitive
+
+# Δ, the share of a region's points whose σ is at most FLAT: sphere 0–0.10, cylinder 0.10–0.40, box 0.40–1.
+FLAT = 0.01
+SPHERE_BELOW = 0.10
+CYLINDER_BELOW = 0.40
+
+
+def primitive_of(sigma: NDArray[np.float64]) -> Primitive:
+    """Name the primitive of a region from the σ (M,) of its points. The names depend on neighbourhood and view."""
+    delta = float(np.mean(sigma <= FLAT)) if len(sigma) else 0.0
+    if delta < SPHERE_BELOW:
+        return "sphere"
+    return "cylinder" if delta < CYLINDER_BELOW else "box"
+
+
+def all_alike(primitives: Sequence[Primitive], lengths: Sequence[float], tolerance: float) -> bool:
+    """Whether consecutive regions agree in primitive and, within the tolerance (m), in length."""
+    pairs = zip(primitives, primitives[1:], lengths, lengths[1:], strict=False)
+    return all(a == b and abs(m - n) <= tolerance for a, b, m, n in pairs)

@@ -1,0 +1,57 @@
+"""An object's own axes, and the slabs and clusters into which it is cut along the long one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def principal_axes(points: FloatArray) -> FloatArray:
+    """(N, d) points → (d, d) orthonormal columns, the direction of the greatest variance first.
+
+    Each sign is chosen so that the third moment along the axis is not negative: it belongs to the object, not to the
+    frame in which the object was seen.
+    """
+    centred = points - points.mean(axis=0)
+    _, vectors = np.linalg.eigh(centred.T @ centred)
+    axes = vectors[:, ::-1]
+    skew = ((centred @ axes) ** 3).sum(axis=0)
+    return axes * np.where(skew < 0.0, -1.0, 1.0)
+
+
+def object_axes(points: FloatArray) -> FloatArray:
+    """Right-handed (3, 3) columns x, y, z with y the long axis, x the second and z the third."""
+    long, second, _ = principal_axes(points).T
+    return np.column_stack([second, long, np.cross(second, long)])
+
+
+def slabs(y: FloatArray, height: float) -> list[IntArray]:
+    """Cut along y (N,) from y_max downward into slabs of this height, the last one partial: indices of each.
+
+    There are int(H / height) + 1 of them; slabs without points are left out.
+    """
+    order = np.floor((y.max() - y) / height).astype(np.int64)
+    last = int((y.max() - y.min()) / height)
+    order = np.minimum(order, last)
+    return [np.flatnonzero(order == i) for i in range(last + 1) if (order == i).any()]
+
+
+def euclidean_clusters(points: FloatArray, tolerance: float) -> IntArray:
+    """Label (N,) of each point: two points share one where a chain of steps of at most the tolerance (m) joins them.
+
+    Labels are 0, 1, … from the largest cluster to the smallest.
+    """
+    count = len(points)
+    pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, labels = connected_components(graph, directed=False)
+    sizes = np.bincount(labels)
+    rank = np.empty(len(sizes), dtype=np.int64)
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
+    return rank[labels]
