@@ -156,7 +156,7 @@ def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, cap
         legends.append(f'<div class="pgv-legend" data-legend="{html.escape(group)}"{hidden}>{items}</div>')
     words = html.escape(caption)
     return (
-        f'<figure class="pgv">\n<div class="pgv-stage"><canvas tabindex="0" role="img" '
+        f'<figure class="pgv">\n<div class="pgv-stage"><canvas width="0" height="0" tabindex="0" role="img" '
         f'aria-label="{words or "point cloud"}; drag or use the arrow keys to turn, wheel or plus and minus to zoom">'
         f'</canvas><div class="pgv-tip" hidden></div><div class="pgv-ruler"></div>'
         f'<button type="button" class="pgv-reset" title="back to the first view">reset</button></div>\n'

@@ -70,18 +70,22 @@ def outline() -> Callable[[str], _Outline]:
 
 
 @pytest.fixture
-def browse(tmp_path: Path) -> Callable[[str], tuple[str, list[str]]]:
-    """Opens a page in headless Chromium and returns its final document and every line on its console."""
+def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
+    """Opens a page in headless Chromium, in a window of some height, and returns its document and its console's lines."""
     browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if browser is None:
         pytest.skip("no Chromium on this machine")
 
-    def visit(text: str) -> tuple[str, list[str]]:
+    def visit(text: str, height: int = 900) -> tuple[str, list[str]]:
         page = tmp_path / "page.html"
         page.write_text(text, encoding="utf-8")
         options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
         options += ["--disable-background-networking", "--disable-component-update", "--enable-logging=stderr"]
-        options += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1000,900", "--virtual-time-budget=4000"]
+        options += [
+            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--window-size=1000,{height}",
+            "--virtual-time-budget=4000",
+        ]
         done = subprocess.run(
             [browser, *options, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True
         )

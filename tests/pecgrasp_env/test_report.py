@@ -1,0 +1,135 @@
+"""The report: well-formed, self-contained, honest about intervals and failures, and quiet in a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grasping.grasp import Grasp, GraspPlan, RegionReport
+from pecgrasp_env.charts import bars, confusion_matrix, curve
+from pecgrasp_env.report import (
+    ClassifierRecord,
+    EpisodeRecord,
+    ReportRecord,
+    SeenObject,
+    render,
+    stage_times,
+    write_report,
+)
+
+HOSTILE = '</script><b>"it\'s" & co</b><!--'
+
+
+def cloud(seed: int, n: int = 200) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-0.05, 0.05, (n, 3)) + np.array([0.5, 0.1 * seed, 0.03])
+
+
+def episode(number: int = 1, outcome: str = "lifted", **changes) -> EpisodeRecord:
+    points = cloud(1)
+    pose = np.diag([1.0, -1, -1, 1])
+    pose[:3, 3] = points.mean(axis=0)
+    grasp = Grasp(pose, 0.06, 0.8, "region", 0)
+    plan = GraspPlan(grasp, [grasp], [RegionReport(points, "box", 0.06, 0.02, "candidate", 0)], None)
+    seen = (SeenObject(points, "stapler", 0.97, chosen=True), SeenObject(cloud(2), "mouse", 0.88))
+    fields = {"objects": seen, "cloud": cloud(3, 500), "up": np.array([0.0, 0, 1]), "plan": plan}
+    fields |= {
+        "picture": np.full((24, 32, 3), 90, np.uint8),
+        "stages": {"segment": [0.01, 0.03], "plan grasp": [0.002]},
+    }
+    return EpisodeRecord(number, 40 + number, **({"target": "stapler", "outcome": outcome} | fields | changes))
+
+
+def report(*episodes: EpisodeRecord, **changes) -> ReportRecord:
+    confusion = np.array([[9, 1], [0, 10]])
+    classifier = ClassifierRecord(["stapler", "mouse"], confusion, {"training": [0.5, 0.9, 1.0]})
+    return ReportRecord("Selective grasping", "Three objects.", episodes, **({"classifier": classifier} | changes))
+
+
+def test_a_full_report_is_well_formed_and_shows_its_numbers(outline) -> None:
+    episodes = [episode(k, "lifted" if k < 9 else "wrong") for k in range(1, 11)]
+    seen = outline(render(report(*episodes, durations={"training": 75.0}, film="film.mp4", versions={"numpy": "2"})))
+    assert set(seen.addresses) <= {"data:,", "film.mp4", *(f"#episode-{k}" for k in range(1, 11))} | {
+        address for address in seen.addresses if address.startswith("data:image/jpeg;base64,")
+    }
+    assert seen.ids == [f"episode-{k}" for k in range(1, 11)]
+    assert "8/10" in seen.text
+    assert "80 %, 95 % interval 49–94 %" in seen.text  # Wilson, for 8 of 10
+    assert "95.0 %" in seen.text  # 19 of 20 clouds
+    assert "1:15 min" in seen.text
+    assert len(seen.data) == 10
+
+
+def test_text_from_outside_cannot_break_out_of_the_page(outline) -> None:
+    hostile = episode(target=HOSTILE, reason=HOSTILE, objects=(SeenObject(cloud(1), HOSTILE, 0.9),), outcome="failed")
+    classifier = ClassifierRecord([HOSTILE, "mouse"], np.eye(2, dtype=int), {HOSTILE: [0.1, 0.2]}, HOSTILE)
+    extra = {
+        "configuration": HOSTILE,
+        "versions": {HOSTILE: HOSTILE},
+        "commands": [HOSTILE],
+        "durations": {HOSTILE: 1.0},
+    }
+    seen = outline(render(ReportRecord(HOSTILE, HOSTILE, [hostile], classifier, **extra)))
+    assert seen.text.count(HOSTILE) >= 14
+    assert HOSTILE in json.loads(seen.data[0])["layers"][1]["text"][0]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"plan": None, "objects": (), "cloud": None, "up": None, "picture": None, "stages": {}},
+        {"plan": None, "objects": (), "reason": "no object of that class was seen"},
+        {"plan": GraspPlan(None, [], [], "all too wide"), "reason": "all too wide"},
+        {"cloud": np.full((50, 3), np.nan), "plan": None, "objects": ()},
+    ],
+)
+def test_failures_render_with_their_reason(outline, changes: dict) -> None:
+    seen = outline(render(report(episode(outcome="failed", **changes))))
+    assert "not lifted" in seen.text
+    assert changes.get("reason", "") in seen.text
+    assert "0/1" in seen.text
+
+
+def test_no_episode_and_no_classifier_still_make_a_report(outline) -> None:
+    seen = outline(render(ReportRecord("Nothing yet", "", [])))
+    assert "No episode was run" in seen.text
+    assert "nan" not in seen.text.lower()
+
+
+def test_stage_times_are_over_the_calls_of_all_episodes() -> None:
+    other = episode(2, stages={"segment": [0.02], "plan motion": []})
+    assert stage_times([episode(), other]) == {"segment": (0.02, 0.03, 3), "plan grasp": (0.002, 0.002, 1)}
+
+
+def test_a_report_replaces_the_older_one_and_leaves_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("old")
+    write_report(path, report(episode()))
+    assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_charts_place_what_they_are_given(outline) -> None:
+    matrix = confusion_matrix(np.array([[3, 1], [0, 0]]), ["a", "b"])
+    assert "a taken for b: 1 of 4" in matrix
+    assert "75.0 %" in matrix
+    assert "–" in matrix  # no cloud of class b, so no share
+    drawn = bars([("x", 2, 3), ("y", 20, 30)], "ms", "t")
+    widths = [float(width) for width in re.findall(r'class="bar" [^>]*width="([\d.]+)"', drawn)]
+    decade = [float(x) for x in re.findall(r'class="grid" x1="([\d.]+)"', drawn)]
+    assert widths[1] - widths[0] == pytest.approx(decade[1] - decade[0], abs=0.2)  # ten times longer: one decade
+    points = re.search(r'points="([^"]+)"', curve({"training": [0.0, 1.0]}, "t"))[1].split()
+    assert len(points) == 2
+    assert curve({}, "t") == ""
+    assert bars([], "ms", "t") == ""
+
+
+def test_a_browser_shows_the_report_without_a_word_on_its_console(browse) -> None:
+    page = render(report(episode(1), episode(2, "failed", reason="slipped"), film="film.mp4", durations={"all": 9.0}))
+    dom, console = browse(page, height=4000)
+    assert console == []
+    rulers = re.findall(r'<div class="pgv-ruler" style="width: [\d.]+px;">\d+ mm</div>', dom)
+    assert len(rulers) == 2  # a figure that was drawn has a ruler
