@@ -1,0 +1,29 @@
+"""Classify one cloud: `python scripts/classify.py cloud=FILE checkpoint=DIR`."""
+
+import json
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from pec.classifier import Classifier
+from pec.cloud_files import read_cloud
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="classify")
+def main(cfg: DictConfig) -> None:
+    prediction = Classifier.load(cfg.checkpoint).predict(read_cloud(cfg.cloud))
+    for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
+        print(f"{label:20}{100 * probability:7.2f} %")
+    results = {
+        "label": prediction.label,
+        "confidence": prediction.confidence,
+        "probabilities": prediction.probabilities,
+    }
+    output = Path(cfg.output)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
