@@ -11,6 +11,7 @@ Reflected inertia on the joints (`armature`) keeps 10 g links stable against a 1
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,9 @@ from mani_skill.utils.structs import Actor, Link, Pose
 from pecgrasp_env.robot import linkage
 from pecgrasp_env.robot.description import ARM_JOINTS, CRANK_JOINTS, FINGER_JOINTS, FINGER_LINKS, GRIPPER_LINKS
 from pecgrasp_env.robot.gripper_controller import GripperControllerConfig, opening_of
+from pecgrasp_env.robot.knuckles import InnerKnuckles
 from pecgrasp_env.robot.urdf import robot_urdf
+from pecgrasp_env.sensor import D435
 
 # SAPIEN's cameras look along +x with +z up; this turns that into an OpenCV optical frame (z forward, y down).
 _CAMERA_FROM_OPENCV = sapien.Pose(q=[0.5, -0.5, 0.5, -0.5]).inv()
@@ -108,6 +111,9 @@ class UR5Robotiq2F140(BaseAgent):
         self.right_finger: Link = self.robot.links_map[FINGER_LINKS[1]]
         self._cranks = [self.robot.joints_map[name].active_index[0].item() for name in CRANK_JOINTS]
         self._qpos_before = torch.full_like(self.robot.get_qpos(), torch.nan)
+        self._knuckles = None
+        if self.scene.can_render() and not self.scene.gpu_sim_enabled:
+            self._knuckles = InnerKnuckles(self.scene, self.robot, Path(self.urdf_path).with_name("inner_knuckle.glb"))
 
     # ---------------------------------------------------------------------------------------------- control
 
@@ -136,21 +142,29 @@ class UR5Robotiq2F140(BaseAgent):
         self._qpos_before = self.robot.get_qpos().clone()
         super().set_action(action)
 
+    def before_simulation_step(self) -> None:
+        super().before_simulation_step()
+        if self._knuckles is not None:
+            self._knuckles.follow()
+
     def reset(self, init_qpos: Any = None) -> None:
         super().reset(init_qpos)
+        if self._knuckles is not None:
+            self._knuckles.follow()
         self._qpos_before[self.scene._reset_mask] = torch.nan
 
     # ---------------------------------------------------------------------------------------------- sensing
 
     @property
     def _sensor_configs(self) -> list[CameraConfig]:
+        intrinsics = D435["424x240"]
         return [
             CameraConfig(
                 uid="wrist_camera",
                 pose=_CAMERA_FROM_OPENCV,
-                width=424,
-                height=240,
-                fov=np.deg2rad(58),
+                width=intrinsics.width,
+                height=intrinsics.height,
+                intrinsic=intrinsics.matrix,
                 near=0.01,
                 far=10.0,
                 mount=self.robot.links_map["wrist_camera"],

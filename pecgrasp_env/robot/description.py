@@ -238,8 +238,12 @@ def links() -> list[Link]:
         "wrist_camera",  # OpenCV optical frame; the body is behind the lens plane
         0.072,
         (5e-5, 1e-5, 5e-5),
-        (0, 0, -0.0125),
-        collision=(Shape((0.090, 0.025, 0.025), (0, 0, -0.0135)), Shape((0.030, 0.105, 0.008), (0, 0.060, -0.048))),
+        (0.0175, 0, -0.0125),
+        collision=(
+            Shape((0.090, 0.025, 0.025), (0.0175, 0, -0.0130)),
+            Shape((0.030, 0.100, 0.006), (0, 0.038, -0.052)),
+            Shape((0.026, 0.014, 0.025), (0, 0, -0.0375)),
+        ),
     )
     return [*_arm_links(), *_gripper_links(), Link("tcp", 1e-3, *frame_only), camera]
 

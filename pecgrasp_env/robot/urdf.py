@@ -9,10 +9,15 @@ import tempfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from pecgrasp_env.robot import description, kinematics, linkage
+import numpy as np
+import trimesh
+from trimesh.visual.material import PBRMaterial
+
+from pecgrasp_env.robot import appearance, description, kinematics, linkage, surfaces
+from pecgrasp_env.robot.appearance import Part
 from pecgrasp_env.robot.description import Joint, Link, Shape
 
-_SOURCES = (description, kinematics, linkage)  # what the generated files depend on
+_SOURCES = (appearance, description, kinematics, linkage, surfaces)  # what the generated files depend on
 
 
 def robot_urdf() -> Path:
@@ -39,8 +44,11 @@ def robot_urdf() -> Path:
 def write_description(folder: Path) -> None:
     """Write robot.urdf and the visual meshes it names into `folder`."""
     root = ET.Element("robot", name="ur5_robotiq_2f140")
+    parts = appearance.link_parts()
+    for name, shapes in parts.items():
+        (folder / f"{name}.glb").write_bytes(_glb(shapes))
     for link in description.links():
-        root.append(_link(link))
+        root.append(_link(link, drawn=link.name in parts))
     for joint in description.joints():
         root.append(_joint(joint))
     ET.indent(root)
@@ -60,18 +68,41 @@ def _fingerprint() -> str:
     return digest.hexdigest()[:16]
 
 
-def _link(link: Link) -> ET.Element:
+def _link(link: Link, drawn: bool) -> ET.Element:
     element = ET.Element("link", name=link.name)
     inertial = ET.SubElement(element, "inertial")
     _origin(inertial, link.com, link.inertia_rpy)
     ET.SubElement(inertial, "mass", value=repr(link.mass))
     ixx, iyy, izz = map(repr, link.inertia)
     ET.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
-    for shape in link.collision:
-        _shape(ET.SubElement(element, "visual"), shape)
+    if drawn:
+        geometry = ET.SubElement(ET.SubElement(element, "visual"), "geometry")
+        ET.SubElement(geometry, "mesh", filename=f"{link.name}.glb")
     for shape in link.collision:
         _shape(ET.SubElement(element, "collision"), shape)
     return element
+
+
+def _glb(parts: list[Part]) -> bytes:
+    """One binary glTF scene: the parts of a material merged into one mesh."""
+    scene = trimesh.Scene()
+    for material in dict.fromkeys(material for _, material in parts):
+        pieces = [surfaces.shaded(surface) for surface, other in parts if other == material]
+        offsets = np.cumsum([0] + [len(vertices) for vertices, _, _ in pieces[:-1]])
+        mesh = trimesh.Trimesh(
+            np.concatenate([vertices for vertices, _, _ in pieces]),
+            np.concatenate([faces + offset for (_, _, faces), offset in zip(pieces, offsets, strict=True)]),
+            vertex_normals=np.concatenate([normals for _, normals, _ in pieces]),
+            process=False,
+        )
+        look = PBRMaterial(
+            baseColorFactor=[*(round(255 * c) for c in material.color), 255],
+            metallicFactor=material.metallic,
+            roughnessFactor=material.roughness,
+        )
+        mesh.visual = trimesh.visual.TextureVisuals(material=look)
+        scene.add_geometry(mesh)
+    return bytes(scene.export(file_type="glb", include_normals=True))
 
 
 def _shape(element: ET.Element, shape: Shape) -> None:
