@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import select
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -69,26 +73,102 @@ def outline() -> Callable[[str], _Outline]:
     return parse
 
 
-@pytest.fixture
-def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
-    """Opens a page in headless Chromium, in a window of some height, and returns its document and its console's lines."""
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine")
+class _Chromium:
+    """A headless Chromium, spoken to over a pipe in the DevTools protocol."""
 
-    def visit(text: str, height: int = 900) -> tuple[str, list[str]]:
-        page = tmp_path / "page.html"
-        page.write_text(text, encoding="utf-8")
+    def __init__(self, executable: str, profile: Path) -> None:
+        commands, self._write = os.pipe()
+        self._read, answers = os.pipe()
         options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
-        options += ["--disable-background-networking", "--disable-component-update", "--enable-logging=stderr"]
-        options += [
-            f"--user-data-dir={tmp_path / 'profile'}",
-            f"--window-size=1000,{height}",
-            "--virtual-time-budget=4000",
-        ]
-        done = subprocess.run(
-            [browser, *options, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True
+        options += ["--disable-background-networking", "--disable-component-update", "--hide-scrollbars"]
+        command = [executable, *options, f"--user-data-dir={profile}", "--remote-debugging-pipe", "about:blank"]
+        # The protocol's pipes are file descriptors 3 and 4.
+        self._process = subprocess.Popen(
+            ["bash", "-c", f'exec "$@" 3<&{commands} 4>&{answers} 2>/dev/null', "bash", *command],
+            pass_fds=(commands, answers),
         )
-        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+        os.close(commands)
+        os.close(answers)
+        self._rest = b""
+        self._last = 0
+        self.events: list[dict[str, Any]] = []
 
-    return visit
+    def call(self, method: str, session: str | None = None, **params: Any) -> dict[str, Any]:
+        self._last += 1
+        message = {"id": self._last, "method": method, "params": params} | ({"sessionId": session} if session else {})
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        while True:
+            while b"\0" not in self._rest:
+                ready, _, _ = select.select([self._read], [], [], 60)
+                block = os.read(self._read, 1 << 16) if ready else b""
+                assert block, "Chromium ended or hangs"
+                self._rest += block
+            line, self._rest = self._rest.split(b"\0", 1)
+            answer = json.loads(line)
+            if answer.get("id") == self._last:
+                assert "error" not in answer, answer
+                return answer["result"]
+            self.events.append(answer)
+
+    def close(self) -> None:
+        os.close(self._write)
+        os.close(self._read)
+        self._process.terminate()
+        self._process.wait(10)
+
+
+class Page:
+    """An open page: `run` evaluates JavaScript, awaiting promises; `console` is all that the browser complained of."""
+
+    def __init__(self, chromium: _Chromium, address: str, width: int, height: int, dark: bool) -> None:
+        self._chromium = chromium
+        # A window of its own: a tab behind another one draws no frames.
+        target = chromium.call("Target.createTarget", url="about:blank", newWindow=True)["targetId"]
+        self._session = chromium.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **metrics)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+        self.call("Page.navigate", url=address)
+        self.run("new Promise((done) => document.readyState === 'complete' ? done() : addEventListener('load', done))")
+        self.wait()
+
+    def call(self, method: str, **params: Any) -> dict[str, Any]:
+        return self._chromium.call(method, self._session, **params)
+
+    def run(self, script: str) -> Any:
+        answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def wait(self, frames: int = 5) -> None:
+        """Let the browser draw some frames."""
+        for _ in range(frames):
+            self.run("new Promise((done) => requestAnimationFrame(() => done()))")
+
+    @property
+    def console(self) -> list[dict[str, Any]]:
+        self.wait(1)
+        told = {"Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"}
+        mine = [event for event in self._chromium.events if event.get("sessionId") == self._session]
+        return [event for event in mine if event["method"] in told]
+
+
+@pytest.fixture(scope="session")
+def browse(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Page]]:
+    """Opens HTML in headless Chromium; skips where there is none."""
+    executable = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if executable is None:
+        pytest.skip("no Chromium on this machine")
+    folder = tmp_path_factory.mktemp("chromium")
+    chromium = _Chromium(executable, folder / "profile")
+
+    def visit(text: str, width: int = 1000, height: int = 900, dark: bool = False) -> Page:
+        path = folder / f"page{len(list(folder.glob('*.html')))}.html"
+        path.write_text(text, encoding="utf-8")
+        return Page(chromium, path.as_uri(), width, height, dark)
+
+    yield visit
+    chromium.close()

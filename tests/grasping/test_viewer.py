@@ -148,48 +148,75 @@ def test_parts_are_rigid_closed_and_face_outwards(gripper) -> None:
         assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 > 0
 
 
-def test_a_browser_turns_zooms_names_and_steps_without_a_word_on_its_console(browse) -> None:
+@pytest.fixture
+def opened(browse):
+    """A page of twenty figures, the first in sight."""
     figures = [fragment(two_region_plan(), layers=[Layer(cloud(), HOSTILE)], up=(0, 0, -1))] * 20
-    script = """<script>addEventListener("load", () => setTimeout(() => {
-      const figure = document.querySelector("figure.pgv"), viewer = figure.pgv, canvas = viewer.canvas;
-      const box = canvas.getBoundingClientRect(), report = {};
-      const x = box.left + box.width / 2, y = box.top + box.height / 2;
-      const send = (type, dx, dy, buttons) => canvas.dispatchEvent(new PointerEvent(type,
-        { pointerId: 1, pointerType: "mouse", clientX: x + dx, clientY: y + dy, buttons, bubbles: true }));
-      const look = () => [viewer.yaw, viewer.pitch, viewer.zoom, viewer.grasp, viewer.group];
-      report.first = look();
-      send("pointerdown", 0, 0, 1); send("pointermove", 50, 20, 1); send("pointerup", 50, 20, 0);
-      report.dragged = look();
-      canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, cancelable: true, bubbles: true }));
-      report.zoomed = look();
-      figure.querySelector(".pgv-reset").click();
-      figure.querySelector(".pgv-gripper input").click();
-      viewer.paint(false);
-      for (let dx = -200; dx < 200 && viewer.tip.hidden; dx += 20)
-        for (let dy = -200; dy < 200 && viewer.tip.hidden; dy += 20) send("pointermove", dx, dy, 0);
-      report.tip = viewer.tip.hidden ? null : [...viewer.tip.children].map((line) => line.textContent);
-      const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-      report.painted = pixels.filter((value, i) => i % 4 === 3 && value > 0).length / (canvas.width * canvas.height);
-      const slider = figure.querySelector("input[type=range]");
-      slider.value = 1; slider.dispatchEvent(new Event("input"));
-      report.stepped = [...look(), figure.querySelector("output").textContent];
-      figure.querySelectorAll("[data-group]")[1].click();
-      report.switched = look();
-      report.idle = [...document.querySelectorAll("canvas")].filter((other) => other.width === 0).length;
-      const out = Object.assign(document.createElement("pre"), { id: "out", textContent: JSON.stringify(report) });
-      document.body.append(out);
-    }, 500));</script>"""
-    dom, console = browse(page("t", "".join(figures)).replace("</body>", script + "</body>"))
-    report = json.loads(re.search(r'<pre id="out">(.*?)</pre>', dom)[1])
-    assert console == []
-    first = report["first"]
-    assert first[2:] == [1, 0, "Regions"]
-    assert report["dragged"][0] == pytest.approx(first[0] - 0.5)
-    assert report["dragged"][1] == pytest.approx(min(np.pi / 2, first[1] + 0.2))
-    assert report["zoomed"][2] > 1.1
-    assert report["tip"][0] in {"region 0: cylinder", "region 1: box"}
-    assert 0.02 < report["painted"] < 0.9
-    assert report["stepped"][3] == 1
-    assert report["stepped"][5].startswith("2 of 2: region 0")
-    assert report["switched"][4] == "Objects"
-    assert report["idle"] >= 10  # off-screen figures hold no pixels
+    return browse(page("t", "".join(figures)))
+
+
+LOOK = "(({yaw, pitch, zoom, grasp, group}) => ({yaw, pitch, zoom, grasp, group}))(document.querySelector('.pgv').pgv)"
+
+
+def pointer(opened, kind: str, x: float, y: float, **more) -> None:
+    opened.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+
+def middle(opened, selector: str) -> tuple[float, float]:
+    box = opened.run(f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()")
+    return box["left"] + box["width"] / 2, box["top"] + box["height"] / 2
+
+
+def test_the_pointer_turns_and_the_wheel_zooms(opened) -> None:
+    x, y = middle(opened, "canvas")
+    first = opened.run(LOOK)
+    pointer(opened, "mousePressed", x, y, button="left", buttons=1)
+    pointer(opened, "mouseMoved", x + 50, y + 20, button="left", buttons=1)
+    pointer(opened, "mouseReleased", x + 50, y + 20, button="left")
+    turned = opened.run(LOOK)
+    assert turned["yaw"] == pytest.approx(first["yaw"] - 0.5)
+    assert turned["pitch"] == pytest.approx(min(np.pi / 2, first["pitch"] + 0.2))
+    pointer(opened, "mouseWheel", x, y, deltaX=0, deltaY=-100)
+    opened.wait()
+    assert opened.run(LOOK)["zoom"] > 1.1
+    assert opened.run("scrollY") == 0
+    opened.run("document.querySelector('.pgv-reset').click()")
+    assert opened.run(LOOK) == first
+    assert opened.console == []
+
+
+def test_pointing_at_a_region_names_it(opened) -> None:
+    opened.run("document.querySelector('.pgv-gripper input').click()")
+    opened.wait()
+    x, y = middle(opened, "canvas")
+    names = set()
+    for dx in range(-200, 201, 40):
+        for dy in range(-200, 201, 40):
+            pointer(opened, "mouseMoved", x + dx, y + dy)
+            names.add(opened.run("document.querySelector('.pgv-tip:not([hidden]) div')?.textContent"))
+    assert {"region 0: cylinder", "region 1: box", None} <= names
+    assert opened.console == []
+
+
+def test_the_slider_and_the_switch_choose_what_is_seen(opened) -> None:
+    before = opened.run("document.querySelector('canvas').toDataURL()")
+    opened.run(
+        "const slider = document.querySelector('input[type=range]'); slider.value = 1; "
+        "slider.dispatchEvent(new Event('input')); document.querySelectorAll('[data-group]')[1].click()"
+    )
+    opened.wait()
+    look = opened.run(LOOK)
+    assert (look["grasp"], look["group"]) == (1, "Objects")
+    assert opened.run("document.querySelector('output').textContent").startswith("2 of 2: region 0")
+    assert opened.run("document.querySelectorAll('.pgv-legend:not([hidden])')[0].textContent") == HOSTILE
+    assert opened.run("document.querySelector('canvas').toDataURL()") != before
+    assert opened.console == []
+
+
+def test_figures_out_of_sight_hold_no_pixels_and_come_back(opened) -> None:
+    count = "[...document.querySelectorAll('canvas')].filter((canvas) => canvas.width === 0).length"
+    assert 10 <= opened.run(count) < 20
+    opened.run("[...document.querySelectorAll('.pgv')].at(-1).scrollIntoView()")
+    opened.wait(10)
+    assert opened.run("[...document.querySelectorAll('canvas')].at(-1).width") > 0
+    assert opened.run("document.querySelector('canvas').width") == 0

@@ -127,9 +127,12 @@ def test_charts_place_what_they_are_given(outline) -> None:
     assert bars([], "ms", "t") == ""
 
 
-def test_a_browser_shows_the_report_without_a_word_on_its_console(browse) -> None:
-    page = render(report(episode(1), episode(2, "failed", reason="slipped"), film="film.mp4", durations={"all": 9.0}))
-    dom, console = browse(page, height=4000)
-    assert console == []
-    rulers = re.findall(r'<div class="pgv-ruler" style="width: [\d.]+px;">\d+ mm</div>', dom)
-    assert len(rulers) == 2  # a figure that was drawn has a ruler
+@pytest.mark.parametrize(("width", "dark"), [(1000, False), (360, True)])
+def test_a_browser_shows_the_report_without_a_word_on_its_console(browse, width: int, dark: bool) -> None:
+    html = render(report(episode(1), episode(2, "failed", reason="slipped"), film="film.mp4", durations={"all": 9.0}))
+    page = browse(html, width=width, dark=dark)
+    page.run("document.getElementById('episode-2').scrollIntoView()")
+    page.wait(10)
+    assert page.run("document.querySelectorAll('canvas')[1].width") > 200
+    assert page.run("document.documentElement.scrollWidth") <= width  # nothing sticks out of a phone's screen
+    assert page.console == []
