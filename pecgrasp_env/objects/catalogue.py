@@ -8,7 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from pecgrasp_env.objects.bottle import bottle
+from pecgrasp_env.objects.clamp import clamp
 from pecgrasp_env.objects.containers import box, can
+from pecgrasp_env.objects.drill import drill
 from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.joypad import joypad
 from pecgrasp_env.objects.model import Draft, ObjectModel, assemble
@@ -16,6 +19,8 @@ from pecgrasp_env.objects.mouse import mouse
 from pecgrasp_env.objects.pliers import pliers
 from pecgrasp_env.objects.plug_adapter import plug_adapter
 from pecgrasp_env.objects.stapler import stapler
+from pecgrasp_env.objects.vessels import bowl, mug
+from pecgrasp_env.objects.wire_cutter import open_wire_cutter, wire_cutter
 
 _GENERATORS: dict[str, Callable[[np.random.Generator], Draft]] = {
     "joypad": joypad,
@@ -25,6 +30,13 @@ _GENERATORS: dict[str, Callable[[np.random.Generator], Draft]] = {
     "plug_adapter": plug_adapter,
     "can": can,
     "box": box,
+    "bottle": bottle,
+    "mug": mug,
+    "bowl": bowl,
+    "clamp": clamp,
+    "drill": drill,
+    "wire_cutter": wire_cutter,
+    "open_wire_cutter": open_wire_cutter,
 }
 CLASSES: tuple[str, ...] = tuple(_GENERATORS)
 LARS_CLASSES = CLASSES[:5]

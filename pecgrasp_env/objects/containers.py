@@ -24,11 +24,11 @@ def can(rng: np.random.Generator) -> Draft:
             (neck + 1.2, h - 2),
             (neck + 1.2, h),
             (neck - 0.8, h),
-            (neck - 1.2, h - 2.5),
-            (0, h - 2.5),
+            (neck - 1.2, h - 1.8),
+            (0, h - 1.8),
         ]
         pieces = [(lathe([*ends, *top]), STEEL), (lathe([(r + 0.15, 11), (r + 0.15, h - 16)]).without_hulls(), label)]
-        tab = block(22, 13, 1.4, 5).without_hulls().moved(4, 0, h - 2.6)
+        tab = block(22, 13, 1.4, 5).without_hulls().moved(4, 0, h - 2.0)
         pieces.append((tab, STEEL))
         return pieces, rng.uniform(0.25, 0.37)
     if kind == 1:
@@ -37,7 +37,7 @@ def can(rng: np.random.Generator) -> Draft:
         r, h = rng.uniform(38, 46), rng.uniform(30, 45)
     rim = [(r - 3, 0), (r + 0.9, 0), (r + 0.9, 2.2), (r, 3.2)]
     profile = rim + [(x, h - z) for x, z in reversed(rim)]
-    profile += [(r - 1.8, h), (r - 2.2, h - 3), (0, h - 3)]
+    profile += [(r - 1.8, h), (r - 2.2, h - 1.8), (0, h - 1.8)]
     pieces = [(lathe(profile), STEEL)]
     pieces.append((lathe([(r + 0.3, 5), (r + 0.3, h - 5)]).without_hulls(), label))
     stripe = rng.uniform(0.3, 0.6)
@@ -47,7 +47,7 @@ def can(rng: np.random.Generator) -> Draft:
             pick(rng, (WHITE, CREAM, *BRIGHT)),
         )
     )
-    pieces.append((disc(r * 0.62, 0.5).without_hulls().moved(z=h - 3.1), STEEL))
+    pieces.append((disc(r * 0.62, 0.5).without_hulls().moved(z=h - 1.95), STEEL))
     return pieces, np.pi * (r / 100) ** 2 * (h / 100) * rng.uniform(0.9, 1.1)
 
 

@@ -5,10 +5,16 @@ Everything here is unit-agnostic; the generators work in millimetres and their t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
+from trimesh.intersections import slice_faces_plane
 
-MAX_HULL_VERTICES = 32  # at most 60 triangles: PhysX on a GPU takes 64 vertices and 64 faces a hull
+# What PhysX takes on a GPU.
+MAX_HULL_VERTICES = 60
+MAX_HULL_FACES = 64
+SKIPPED = 0.5  # mm, how far a hull may leave a corner of its slice outside
 
 
 def convex_hull(points: np.ndarray) -> ConvexHull:
@@ -29,11 +35,11 @@ def depth_below(points: np.ndarray, hull: ConvexHull) -> np.ndarray:
     return -(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
-def simplify_hull(points: np.ndarray, tolerance: float = 0.25, max_vertices: int = MAX_HULL_VERTICES) -> np.ndarray:
-    """Few of the given (N, 3) points whose hull leaves none of them further outside than `tolerance`.
+def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
+    """Few of the given (N, 3) points, (K, 3), whose hull leaves none of them further outside than `tolerance`.
 
-    Greedy: start from the extremes along 13 axes, add the point furthest outside, stop at the tolerance or at
-    `max_vertices` (K, 3). The result never leaves the hull of the input.
+    Greedy: start from the extremes along 13 axes, add the points furthest outside, stop at the tolerance or where
+    MAX_HULL_VERTICES or MAX_HULL_FACES would be passed. The result never leaves the hull of the input.
     """
     corners = points[convex_hull(points).vertices]
     if len(corners) <= 12:
@@ -41,29 +47,37 @@ def simplify_hull(points: np.ndarray, tolerance: float = 0.25, max_vertices: int
     axes = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)])
     along = corners @ axes.T
     chosen = list(dict.fromkeys(np.concatenate([along.argmax(axis=0), along.argmin(axis=0)]).tolist()))
-    if len(chosen) < 5 or np.linalg.matrix_rank(corners[chosen] - corners[chosen[0]], tol=1e-6) < 3:
-        return corners[:max_vertices]
     hull = convex_hull(corners[chosen])
-    while len(chosen) < max_vertices:
+    while True:
         # The furthest point of each facet's outside set: several at once save most of the hulls.
         heights = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
         outside, facet = heights.max(axis=1), heights.argmax(axis=1)
         order = np.argsort(-outside, kind="stable")
         order = order[outside[order] > tolerance]
         _, first = np.unique(facet[order], return_index=True)
-        new = [int(i) for i in order[np.sort(first)][:6] if i not in chosen]
-        if not new:
-            break
-        chosen += new[: max_vertices - len(chosen)]
-        hull = convex_hull(corners[chosen])
-    return hull.points[np.unique(hull.vertices)]
+        new = [int(i) for i in order[np.sort(first)][:4] if i not in chosen]
+        finer = convex_hull(corners[chosen + new]) if new else hull
+        if not new or len(chosen + new) > MAX_HULL_VERTICES or _flat_faces(finer) > MAX_HULL_FACES:
+            return hull.points[np.unique(hull.vertices)]
+        chosen, hull = chosen + new, finer
+
+
+def _flat_faces(hull: ConvexHull) -> int:
+    """Number of faces when triangles in one plane count as one."""
+    return len(np.unique(np.round(hull.equations / [1, 1, 1, 10], 3), axis=0))
+
+
+def left_outside(points: np.ndarray, kept: np.ndarray) -> float:
+    """Furthest distance of any of (N, 3) points outside the hull of the kept ones."""
+    return float(-depth_below(points, convex_hull(kept)).min())
 
 
 def group_sections(sections: np.ndarray, tolerance: float) -> list[np.ndarray]:
     """Convex hulls that follow a loft: runs of consecutive sections, as long as the hull stays near the surface.
 
-    sections: (S, K, 3). A run grows while no inner section lies deeper than `tolerance` in the hull of the run, so a
-    straight or bulging stretch becomes one hull and a waist or a bend is cut. Returns a list of (M, 3) hull vertices.
+    sections: (S, K, 3). A run grows while no inner section lies deeper than `tolerance` in the hull of the run and the
+    simplified hull leaves nothing further outside than SKIPPED: a straight or gently bulging stretch becomes one hull,
+    a waist or a bend is cut. Returns a list of (M, 3) hull vertices.
     """
     hulls = []
     start = 0
@@ -72,41 +86,46 @@ def group_sections(sections: np.ndarray, tolerance: float) -> list[np.ndarray]:
         end = start + 1
         while end < last:
             run = sections[start : end + 2]
-            deepest = depth_below(run[1:-1].reshape(-1, 3), convex_hull(run.reshape(-1, 3))).max()
-            if deepest > tolerance:
+            if depth_below(run[1:-1].reshape(-1, 3), convex_hull(run.reshape(-1, 3))).max() > tolerance:
                 break
             end += 1
-        hulls.append(simplify_hull(sections[start : end + 1].reshape(-1, 3)))
+        while True:
+            points = sections[start : end + 1].reshape(-1, 3)
+            kept = simplify_hull(points)
+            if end == start + 1 or left_outside(points, kept) <= SKIPPED:
+                break
+            end = start + max(1, (end - start) * 2 // 3)
+        hulls.append(kept)
         start = end
     return hulls
 
 
-def slab_hulls(
-    vertices: np.ndarray, faces: np.ndarray, axis: int, tolerance: float, thinnest: float
+def carve(
+    vertices: np.ndarray, faces: np.ndarray, tolerance: float, thinnest: float, axes: Sequence[int] = (0, 1)
 ) -> list[np.ndarray]:
-    """Convex hulls of a closed mesh cut into slabs across one axis, halved until each fits.
+    """Convex hulls of a closed mesh, halved across the given axes until each piece fits.
 
-    A slab is halved while a vertex lies deeper than `tolerance` in its hull and the slab is thicker than
-    2 * `thinnest`. vertices (V, 3), faces (F, 3); returns a list of (M, 3) hull vertices.
+    A piece is cut while a vertex lies deeper than `tolerance` in its hull, or the simplified hull leaves one further
+    outside than SKIPPED, across the axis that leaves the least volume of hulls; no piece becomes thinner than
+    `thinnest`. vertices (V, 3), faces (F, 3); returns a list of (M, 3) hull vertices.
     """
-    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
-    height = vertices[:, axis]
-
-    def crossings(level: float) -> np.ndarray:
-        a, b = edges[:, 0], edges[:, 1]
-        cut = (height[a] - level) * (height[b] - level) < 0
-        a, b = a[cut], b[cut]
-        t = ((level - height[a]) / (height[b] - height[a]))[:, None]
-        return vertices[a] * (1 - t) + vertices[b] * t
-
-    def split(low: float, high: float) -> list[np.ndarray]:
-        inside = vertices[(height >= low) & (height <= high)]
-        points = np.concatenate([inside, crossings(low), crossings(high)])
-        if len(points) < 4:
-            return []
-        if high - low > 2 * thinnest and len(inside) and depth_below(inside, convex_hull(points)).max() > tolerance:
-            middle = (low + high) / 2
-            return split(low, middle) + split(middle, high)
-        return [simplify_hull(points)]
-
-    return split(float(height.min()), float(height.max()))
+    hull = convex_hull(vertices)
+    kept = simplify_hull(vertices)
+    if depth_below(vertices, hull).max() <= tolerance and left_outside(vertices, kept) <= SKIPPED:
+        return [kept]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    best = None
+    for axis in axes:
+        if high[axis] - low[axis] < 2 * thinnest:
+            continue
+        halves = []
+        for sign in (1.0, -1.0):
+            v, f, *_ = slice_faces_plane(vertices, faces, sign * np.eye(3)[axis], (low + high) / 2)
+            used, index = np.unique(f, return_inverse=True)
+            halves.append((v[used], index.reshape(-1, 3)))
+        volume = sum(convex_hull(v).volume for v, _ in halves)
+        if best is None or volume < best[0]:
+            best = volume, halves
+    if best is None:
+        return [kept]
+    return [piece for v, f in best[1] for piece in carve(v, f, tolerance, thinnest, axes)]

@@ -74,8 +74,8 @@ def surface_net(
     """
     axes = [np.arange(lo, hi + step, step) for lo, hi in zip(lower, upper, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    value = field(grid.reshape(-1, 3)).reshape(grid.shape[:3])
-    cells = (value.shape[0] - 1, value.shape[1] - 1, value.shape[2] - 1)
+    value = field(grid.reshape(-1, 3)).reshape([len(a) for a in axes])
+    cells = tuple(len(a) - 1 for a in axes)
 
     def corner(offset: tuple[int, ...]) -> np.ndarray:
         return value[tuple(slice(o, o + n) for o, n in zip(offset, cells, strict=True))]

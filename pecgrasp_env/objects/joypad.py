@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pecgrasp_env.objects.colors import BLACK, BLUE, CHARCOAL, GREEN, GREY, NAVY, PINK, RED, WHITE, YELLOW, pick
-from pecgrasp_env.objects.hulls import slab_hulls
+from pecgrasp_env.objects.hulls import carve
 from pecgrasp_env.objects.implicit import blend, round_cone, rounded_box, surface_net, top_of
 from pecgrasp_env.objects.model import Draft
 from pecgrasp_env.objects.shapes import Shape, block, disc, extrude, lathe, superellipse
@@ -21,7 +21,7 @@ def joypad(rng: np.random.Generator) -> Draft:
     grip_radius = rng.uniform(12, 15) * s
     spread = width / 2 - grip_radius
     shoulder = rng.uniform(20, 23) * s
-    members = [rounded_box((0, 4 * s, 0), (0.34 * width, 26 * s, thick), thick * 0.75)]
+    members = [rounded_box((0, 4 * s, 0), (0.34 * width, 29 * s, thick), thick * 0.75)]
     for side in (-1, 1):
         start = (side * (width / 2 - shoulder - rng.uniform(3, 5)), 2 * s, -2)
         members.append(round_cone(start, (side * spread, -grip_length, -droop), shoulder, grip_radius))
@@ -35,7 +35,7 @@ def joypad(rng: np.random.Generator) -> Draft:
         return np.maximum(solid(points), flat(points) * (points[:, 2] > 0) - 100 * (points[:, 2] <= 0))
 
     vertices, faces = surface_net(field, (-90, -95, -40), (90, 60, 30), 4.0)
-    body = Shape(vertices, faces, tuple(slab_hulls(vertices, faces, axis=0, tolerance=1.5, thinnest=5.0)))
+    body = Shape(vertices, faces, tuple(carve(vertices, faces, tolerance=2.0, thinnest=9.0)))
     color = pick(rng, (CHARCOAL, WHITE, BLACK, NAVY, RED, GREY))
     dark = CHARCOAL if color == BLACK else BLACK
     pieces = [(body, color)]
@@ -45,12 +45,12 @@ def joypad(rng: np.random.Generator) -> Draft:
 
     left, right = -0.29 * width, 0.29 * width
     if rng.random() < 0.5:  # side by side
-        sticks, cross, buttons = [(-0.155 * width, -13 * s), (0.155 * width, -13 * s)], (left, 9 * s), (right, 9 * s)
+        sticks, cross, buttons = [(-0.155 * width, -10 * s), (0.155 * width, -10 * s)], (left, 9 * s), (right, 9 * s)
     else:  # staggered
-        sticks, cross, buttons = [(left, 11 * s), (0.15 * width, -12 * s)], (-0.15 * width, -12 * s), (right, 11 * s)
+        sticks, cross, buttons = [(left, 11 * s), (0.15 * width, -10 * s)], (-0.15 * width, -10 * s), (right, 11 * s)
     stick_radius, stick_height = rng.uniform(8.5, 10), rng.uniform(8.5, 11.5)
     for x, y in sticks:
-        pieces.append((on_top(disc(stick_radius + 3.5, 1.6, 0.5).without_hulls(), x, y), dark))
+        pieces.append((on_top(disc(stick_radius + 3.0, 6.0, 0.8), x, y, sink=4.6), dark))
         pieces.append((on_top(_stick(stick_radius, stick_height), x, y), dark))
     arm = rng.uniform(20, 24) * s
     for size in ((arm, arm / 3), (arm / 3, arm)):

@@ -64,20 +64,19 @@ def mouse(rng: np.random.Generator) -> Draft:
     wheel_x = (rng.uniform(0.74, 0.8) - 0.5) * length
     radius, breadth = rng.uniform(10, 12.5), rng.uniform(6, 8)
     z = float(surface(wheel_x, 0.0))
-    pieces.append(
-        (extrude(superellipse(radius + 1.5, breadth / 2 + 1.8), 0.6).without_hulls().moved(wheel_x, 0, z - 0.2), seam)
-    )
+    slope = float(np.degrees(np.arctan2(surface(wheel_x - 8, 0.0) - surface(wheel_x + 8, 0.0), 16)))
+    slot = extrude(superellipse(radius * 0.9, breadth / 2 + 1.6), 1.4).without_hulls().rotated("y", slope)
+    pieces.append((slot.moved(wheel_x, 0, z - 0.8), seam))
     wheel = disc(radius, breadth, 1.5).rotated("x", 90).moved(wheel_x, breadth / 2, z - radius + rng.uniform(3, 4.5))
     pieces.append((wheel, pick(rng, (GREY, BLUE, RED, CHARCOAL))))
-    if rng.random() < 0.5:
-        pieces.append(
-            (disc(2.6, 1.6, 0.5).without_hulls().moved(wheel_x - 19, 0, float(surface(wheel_x - 19, 0.0)) - 0.6), seam)
-        )
+    if rng.random() < 0.5:  # a small button behind the wheel
+        x0 = wheel_x - 19
+        pieces.append((disc(2.6, 1.6, 0.5).without_hulls().moved(x0, 0, float(surface(x0, 0.0)) - 0.6), seam))
     if rng.random() < 0.5:
         for x0 in (-4.0, 12.0):
             edge = float(half_width(np.array((x0 / length) + 0.5)))
             button = extrude(superellipse(6.8, 2.6, 3), 3.2, 0.8).without_hulls().rotated("x", -90)
-            pieces.append((button.moved(x0, edge * 0.96 - 1.4, BASE + 0.52 * height * 0.6), seam))
+            pieces.append((button.moved(x0, edge * 0.96 - 2.6, BASE + 0.52 * height * 0.6), seam))
     return pieces, rng.uniform(0.075, 0.125)
 
 

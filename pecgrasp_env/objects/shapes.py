@@ -123,6 +123,14 @@ def skin(sections: np.ndarray, loop: bool = False) -> Shape:
     return Shape(vertices, triangles)
 
 
+def sleeve(sections: np.ndarray, thickness: float = 0.4) -> Shape:
+    """A thin open band around (S, K, 3) sections about z, standing half its thickness off them: a label. No hulls."""
+    middle = sections.mean(axis=1, keepdims=True)
+    outward = (sections - middle) / np.linalg.norm(sections - middle, axis=2, keepdims=True)
+    outer, inner = sections + outward * thickness / 2, sections - outward * thickness / 2
+    return skin(np.concatenate([outer, inner[::-1]]), loop=True)
+
+
 def loft(sections: np.ndarray, fit: float = FIT) -> Shape:
     """The solid over (S, K, 3) sections, each of them convex. Hulls: runs of sections within `fit` mm."""
     sections = np.asarray(sections, float)
@@ -187,7 +195,9 @@ def rings(profile: np.ndarray, n: int = 40, flatten: float = 1.0) -> np.ndarray:
     return np.concatenate([flat, np.broadcast_to(profile[:, 1, None, None], (*flat.shape[:2], 1))], axis=2)
 
 
-def lathe(profile: Sequence[Sequence[float]], n: int = 40, flatten: float = 1.0, fit: float = FIT) -> Shape:
+def lathe(
+    profile: Sequence[Sequence[float]] | np.ndarray, n: int = 40, flatten: float = 1.0, fit: float = FIT
+) -> Shape:
     """A solid of revolution about z; profile: (radius, z) pairs from one end to the other."""
     return loft(rings(np.asarray(profile, float), n, flatten), fit)
 

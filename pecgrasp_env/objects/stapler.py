@@ -25,9 +25,10 @@ def stapler(rng: np.random.Generator) -> Draft:
     pieces = [(base, base_color), (anvil, STEEL)]
 
     arm_width = rng.uniform(22, 27)
-    cheek = extrude(superellipse(13, hinge_z - base_height + 6, 3.5), 3.0, 0.8).rotated("x", 90)
+    low, high = base_height - 2, hinge_z + 6
+    cheek = extrude(superellipse(13, (high - low) / 2, 3.5), 3.0, 0.8).rotated("x", 90)
     for y in (arm_width / 2 + 3.5, -arm_width / 2 - 0.5):
-        pieces.append((cheek.moved(hinge_x, y, base_height - 0.5 + 4), base_color))
+        pieces.append((cheek.moved(hinge_x, y, (low + high) / 2), base_color))
     pin = disc(3.2, arm_width + 9, 0.6, n=20).rotated("x", 90).moved(hinge_x, (arm_width + 9) / 2, hinge_z)
     pieces.append((pin, STEEL))
 
@@ -54,7 +55,7 @@ def stapler(rng: np.random.Generator) -> Draft:
     pieces.append((nose.moved(hinge_x, 0, hinge_z), STEEL))
     if rng.random() < 0.5:  # a rubber pad for the thumb
         pad = tube(
-            path[14:22] + np.array([0, 0, 0.5 * tall[16] - 1.2]), 0.6 * arm_width, 4.0, exponent=4, round_ends=4
+            path[14:22] + np.array([0, 0, 0.5 * tall[16] - 1.9]), 0.6 * arm_width, 4.0, exponent=4, round_ends=4
         ).without_hulls()
         pieces.append((pad.rotated("y", -lid).moved(hinge_x, 0, hinge_z), CHARCOAL))
     return pieces, rng.uniform(0.16, 0.32)
