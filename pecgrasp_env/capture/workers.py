@@ -1,0 +1,186 @@
+"""Makes shards: in this process, or in several of them that each render on one core."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Generator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pec.shards import ShardRecord, shard_name, write_shard
+from pecgrasp_env.capture.config import CaptureConfig, CaptureError
+from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectModel
+
+if TYPE_CHECKING:
+    from pecgrasp_env.capture.free import FreeScenario
+
+__all__ = ["Result", "ShardJob", "make_shards", "open_source"]
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """One shard: samples `first` to `first + count` of one instance."""
+
+    index: int
+    class_index: int
+    instance_index: int
+    number_in_class: int
+    """Which instance of its class."""
+    first: int
+    count: int
+
+
+Result = tuple[ShardRecord, dict[str, Any]]
+"""A written shard, and the manifest's entry for its instance."""
+
+
+def open_source(config: CaptureConfig) -> Catalogue:
+    """The objects that `config` names. Raises ObjectError for an unknown class."""
+    objects = config.objects
+    return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 2, objects.seed)
+
+
+def make_shards(
+    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int
+) -> Generator[Result, None, None]:
+    """Yields the result of each shard of `jobs` once it is written, in any order."""
+    try:
+        if workers == 1 or len(jobs) == 1:
+            photographer = _Photographer(config, directory)
+            for job in jobs:
+                yield photographer.make(job)
+        elif jobs:
+            yield from _run_processes(config, directory, jobs, min(workers, len(jobs)))
+    except OSError as error:
+        raise CaptureError(f"cannot write the data set in {directory}: {error}; the same command goes on") from error
+
+
+def _run_processes(
+    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int
+) -> Generator[Result, None, None]:
+    context = multiprocessing.get_context("spawn")  # a forked copy of a Vulkan device does not work
+    # One executor a process, so that an instance's shards go to the process that has made its mesh already.
+    executors = [
+        ProcessPoolExecutor(1, mp_context=context, initializer=_start_worker, initargs=(config, directory))
+        for _ in range(workers)
+    ]
+    groups = [deque(group) for _, group in groupby(jobs, key=lambda job: job.instance_index)]
+    waiting = deque(groups[workers:])
+    lanes: list[deque[ShardJob]] = [*groups[:workers], *(deque[ShardJob]() for _ in range(workers - len(groups)))]
+    running: dict[Future[Result], int] = {}
+    try:
+        for lane in 2 * list(range(workers)):  # two jobs each: never idle, and little to wait for after Ctrl-C
+            _submit_next(lane, executors, lanes, waiting, running)
+        while running:
+            finished, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
+                lane = running.pop(future)
+                _submit_next(lane, executors, lanes, waiting, running)
+                yield future.result()
+    except BrokenProcessPool as error:
+        raise CaptureError(
+            f"a process that rendered for {directory} was killed, perhaps for want of memory; the same command goes "
+            "on, and workers=1 needs less"
+        ) from error
+    finally:
+        for executor in executors:
+            executor.shutdown(wait=False, cancel_futures=True)
+        for executor in executors:
+            executor.shutdown(wait=True)
+
+
+def _submit_next(
+    lane: int,
+    executors: list[ProcessPoolExecutor],
+    lanes: list[deque[ShardJob]],
+    waiting: deque[deque[ShardJob]],
+    running: dict[Future[Result], int],
+) -> None:
+    """Gives the process `lane` its instance's next shard, else the next instance, else half of the longest lane."""
+    if not lanes[lane] and waiting:
+        lanes[lane] = waiting.popleft()
+    if not lanes[lane]:
+        longest = max(lanes, key=len)
+        lanes[lane] = deque(longest.pop() for _ in range(len(longest) // 2))
+    if lanes[lane]:
+        running[executors[lane].submit(_make_in_worker, lanes[lane].popleft())] = lane
+
+
+class _Photographer:
+    """Makes shards in one process, one scene for all of them."""
+
+    def __init__(self, config: CaptureConfig, directory: Path) -> None:
+        from pecgrasp_env.capture.free import FreeScenario  # loads Vulkan: in the process that renders only
+
+        self._config = config
+        self._directory = directory
+        self._source = open_source(config)
+        self._scenario: FreeScenario = FreeScenario(config)
+        self._shown: dict[str, Any] = {}
+
+    def make(self, job: ShardJob) -> Result:
+        """Capture the samples of `job` and write its shard."""
+        from pecgrasp_env.capture.free import sample_seed
+
+        class_name = self._source.classes[job.class_index]
+        name = self._source.names(class_name)[job.number_in_class]
+        if self._shown.get("name") != name:
+            model = self._source.load(class_name, job.number_in_class)
+            self._scenario.show(model)
+            extents = [round(float(size), 5) for size in model.extents]
+            self._shown = {"name": name, "class": class_name, "extents_m": extents, "mesh_sha256": _mesh_hash(model)}
+        rejected: Counter[str] = Counter()
+        samples = [
+            self._scenario.capture(
+                job.class_index,
+                job.instance_index,
+                sample_seed(self._config.seed, class_name, name, sample),
+                rejected,
+            )
+            for sample in range(job.first, job.first + job.count)
+        ]
+        record = write_shard(self._directory / shard_name(job.index), samples)
+        return replace(record, rejected=dict(sorted(rejected.items()))), self._shown
+
+
+_photographer: _Photographer | None = None
+
+
+def _start_worker(config: CaptureConfig, directory: Path) -> None:
+    global _photographer
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process: the parent ends the work
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _photographer = _Photographer(config, directory)
+
+
+def _end_with_parent() -> None:
+    """A parent killed with -9 cannot stop its workers, which would wait for jobs for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def _make_in_worker(job: ShardJob) -> Result:
+    assert _photographer is not None
+    return _photographer.make(job)
+
+
+def _mesh_hash(model: ObjectModel) -> str:
+    digest = hashlib.sha256()
+    for part in model.parts:
+        digest.update(np.ascontiguousarray(part.vertices, np.float32).tobytes())
+        digest.update(np.ascontiguousarray(part.faces, np.int32).tobytes())
+    return digest.hexdigest()
