@@ -1,4 +1,4 @@
-"""One hold looked at closely, on all points: turned to lie flat on its contacts, centred, measured, checked."""
+"""Holds looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.gripper import Gripper
+from grasping.profiles import Holds
 
 FloatArray = NDArray[np.float64]
 
@@ -16,115 +16,141 @@ TOUCHING = 0.005  # m: pads are soft and clouds are noisy, a contour this near t
 CONTACT_BAND = 0.004  # m behind the outermost points: how high the surface is there says how steep it is
 BESIDE = 0.003  # m on either side of a finger that must be free as well
 SEARCH = 0.006  # m beyond the coarse extent in which the object's outermost points are looked for
+MOST_TURN = 0.15  # rad in one step: half of the scan's step and what its resolution adds
+STEPS = 2
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """A hold after refinement. Lengths in m, angles in rad, frame as for `scan`."""
+    """M holds after refinement, arrays of length M. Lengths in m, angles in rad, frame as for `scan`."""
 
-    heading: float
-    x: float
-    y: float
-    tip: float
-    width: float
-    angle: float  # of the worse contour against its pad
-    contact: float  # share of the pad's width that touches, worse side
-    overlap: float  # depth of the pad below the top of the surface it touches, worse side
-    gap: float  # free space beside the object, narrower side, cut at `wished_room`
-    blocked: bool  # a finger would hit something on its way in
+    heading: FloatArray
+    x: FloatArray
+    y: FloatArray
+    tip: FloatArray
+    width: FloatArray
+    angle: FloatArray  # of the worse contour against its pad
+    contact: FloatArray  # share of the pad's width that touches, worse side: 1 less the contour's lateral curvature
+    overlap: FloatArray  # depth of the pad below the top of the surface that it touches, worse side
+    gap: FloatArray  # free space beside the object, narrower side, cut at `wished_room`
+    empty: NDArray[np.bool_]  # too few points between the pads for the rest to mean anything
 
 
 def refine(
     xy: FloatArray,
     height: FloatArray,
-    blockers: FloatArray,
+    blocker_xy: FloatArray,
     blocker_height: FloatArray,
+    holds: Holds,
     *,
-    heading: float,
-    x: float,
-    y: float,
-    tip: float,
-    width: float,
-    gripper: Gripper,
-    finger_room: float,
+    pad_width: float,
     wished_room: float,
-) -> Contacts | None:
-    """Turn and centre a hold on the points between its pads; None where there are too few of them.
+) -> Contacts:
+    """Turn and centre each hold on the points between its pads.
 
-    blockers: (K, 2) with heights, points other than the object's own.
+    xy (N, 2) with heights (N,): the object. blocker_xy (K, 2) with heights: anything else that a finger could hit.
     """
-    half = 0.5 * gripper.finger_width
-    above = height > tip
-    points, tops = xy[above], height[above]
-    reach = 0.5 * width + SEARCH
-    for last in (False, False, True):
-        along, across = _turned(points, heading, x, y)
-        between = (np.abs(across) <= half) & (np.abs(along) <= reach)
-        if np.count_nonzero(between) < 3:
-            return None
-        u, v = along[between], across[between]
-        low, high = _contours(u, v, half)
-        left, right = _slope(low, 2 * half), _slope(high, 2 * half)
-        if last:
+    half = 0.5 * pad_width
+    heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
+    reach = 0.5 * holds.width + SEARCH
+    above = height > tip[:, None]
+    for step in range(STEPS + 1):
+        along, across = _turned(xy, heading, x, y)
+        between = above & (np.abs(across) <= half) & (np.abs(along) <= reach[:, None])
+        low, high = _contours(along, across, between, half)
+        left, right = _slopes(low, pad_width), _slopes(high, pad_width)
+        start, end = low.min(axis=1), high.max(axis=1)
+        empty = ~np.isfinite(start) | (between.sum(axis=1) < 3)
+        start, end = np.where(empty, 0.0, start), np.where(empty, 0.0, end)
+        if step == STEPS:
             break
-        turn = np.arctan(0.5 * (left + right))
-        heading -= float(np.clip(turn, -0.15, 0.15))
-        along, across = _turned(points, heading, x, y)
-        between = (np.abs(across) <= half) & (np.abs(along) <= reach)
-        if not between.any():
-            return None
-        middle = 0.5 * (along[between].min() + along[between].max())
-        x += float(np.cos(heading) * middle)
-        y += float(np.sin(heading) * middle)
+        middle = 0.5 * (start + end)
+        x, y = x + np.cos(heading) * middle, y + np.sin(heading) * middle
+        heading = heading - np.clip(np.arctan(0.5 * (left + right)), -MOST_TURN, MOST_TURN)
+    middle = 0.5 * (start + end)
+    x, y = x + np.cos(heading) * middle, y + np.sin(heading) * middle
 
-    start, end = float(u.min()), float(u.max())
-    contact = min(_support(low - start), _support(end - high))
-    angle = max(abs(float(np.arctan(left))), abs(float(np.arctan(right))))
-    near = tops[between]
-    overlap = min(near[u <= start + CONTACT_BAND].max(), near[u >= end - CONTACT_BAND].max()) - tip
+    def top_at(side: NDArray[np.bool_]) -> FloatArray:
+        return np.where(between & side, height, -np.inf).max(axis=1)
 
-    gap = wished_room
-    for other, other_height in ((points, tops), (blockers, blocker_height)):
-        along, across = _turned(other, heading, x, y)
-        beside = (np.abs(across) <= half + BESIDE) & (other_height > tip)
-        outside = along[beside]
-        outside = outside[(outside < start - 1e-9) | (outside > end + 1e-9)]
-        # Points within a finger's breadth that belong to the contact itself (BESIDE is wider than the pad) move it out.
-        distance = np.where(outside < start, start - outside, outside - end)
-        own = distance < TOUCHING
-        if own.any():
-            distance = distance[~own]
-        if len(distance):
-            gap = min(gap, float(distance.min()))
-    return Contacts(heading, x, y, tip, end - start, angle, contact, float(overlap), gap, gap < finger_room)
+    tops = np.minimum(top_at(along <= start[:, None] + CONTACT_BAND), top_at(along >= end[:, None] - CONTACT_BAND))
+    gap = np.minimum(
+        _gap(along, across, above, start, end, half, wished_room),
+        _gap(
+            *_turned(blocker_xy, heading, x - np.cos(heading) * middle, y - np.sin(heading) * middle),
+            blocker_height > tip[:, None],
+            start,
+            end,
+            half,
+            wished_room,
+        ),
+    )
+    return Contacts(
+        heading=heading,
+        x=x,
+        y=y,
+        tip=tip,
+        width=end - start,
+        angle=np.maximum(np.abs(np.arctan(left)), np.abs(np.arctan(right))),
+        contact=np.minimum(_support(low - start[:, None]), _support(end[:, None] - high)),
+        overlap=np.where(empty, 0.0, tops - tip),
+        gap=gap,
+        empty=empty,
+    )
 
 
-def _turned(points: FloatArray, heading: float, x: float, y: float) -> tuple[FloatArray, FloatArray]:
-    """Coordinates along and across the closing axis of a hold at (x, y)."""
-    cos, sin = np.cos(heading), np.sin(heading)
-    dx, dy = points[:, 0] - x, points[:, 1] - y
+def _turned(points: FloatArray, heading: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(M, N) coordinates along and across the closing axes of holds at (x, y)."""
+    cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    dx, dy = points[:, 0] - x[:, None], points[:, 1] - y[:, None]
     return cos * dx + sin * dy, cos * dy - sin * dx
 
 
-def _contours(u: FloatArray, v: FloatArray, half: float) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest u in each row of the pad's width, (CONTOUR_ROWS,), NaN where a row is empty."""
-    row = np.minimum(((v + half) / (2 * half) * CONTOUR_ROWS).astype(np.int64), CONTOUR_ROWS - 1)
+def _contours(
+    along: FloatArray, across: FloatArray, between: NDArray[np.bool_], half: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest coordinate in each row of the pad's width, (M, CONTOUR_ROWS); inf and −inf where empty."""
+    hold, point = np.nonzero(between)
+    u, v = along[hold, point], across[hold, point]
+    row = np.minimum(((v + half) * (CONTOUR_ROWS / (2 * half))).astype(np.int64), CONTOUR_ROWS - 1)
+    key = hold * CONTOUR_ROWS + row
     order = np.argsort(u)
-    low, high = np.full(CONTOUR_ROWS, np.nan), np.full(CONTOUR_ROWS, np.nan)
-    high[row[order]] = u[order]  # the last one written stays
-    low[row[order[::-1]]] = u[order[::-1]]
-    return low, high
+    key, u = key[order], u[order]
+    low = np.full(len(between) * CONTOUR_ROWS, np.inf)
+    high = np.full(len(between) * CONTOUR_ROWS, -np.inf)
+    high[key] = u  # of several values for one place the last one written stays
+    low[key[::-1]] = u[::-1]
+    return low.reshape(-1, CONTOUR_ROWS), high.reshape(-1, CONTOUR_ROWS)
 
 
-def _slope(contour: FloatArray, pad_width: float) -> float:
-    """Least-squares slope du/dv of a contour; 0 where only one of its rows is there."""
-    rows = np.flatnonzero(np.isfinite(contour))
-    if len(rows) < 2:
-        return 0.0
-    v = (rows - rows.mean()) * (pad_width / CONTOUR_ROWS)
-    return float(v @ contour[rows] / (v @ v))
+def _slopes(contour: FloatArray, pad_width: float) -> FloatArray:
+    """Least-squares slope (M,) of each contour over those of its rows that are there; 0 where fewer than two are."""
+    there = np.isfinite(contour)
+    count = np.maximum(there.sum(axis=1), 1)[:, None]
+    value = np.where(there, contour, 0.0)
+    value = np.where(there, value - value.sum(axis=1, keepdims=True) / count, 0.0)
+    v = np.arange(CONTOUR_ROWS) * (pad_width / CONTOUR_ROWS) * there
+    v = np.where(there, v - v.sum(axis=1, keepdims=True) / count, 0.0)
+    return (v * value).sum(axis=1) / np.maximum((v * v).sum(axis=1), 1e-12)
 
 
-def _support(behind: FloatArray) -> float:
-    """Share of the pad that touches, from how far each row of the contour lies behind the outermost point."""
-    return float(np.where(np.isfinite(behind), np.clip(1.0 - behind / TOUCHING, 0.0, 1.0), 0.0).mean())
+def _support(behind: FloatArray) -> FloatArray:
+    """Share (M,) of the pad that touches, from how far each row of the contour lies behind the outermost point."""
+    return np.clip(1.0 - behind / TOUCHING, 0.0, 1.0).mean(axis=1)
+
+
+def _gap(
+    along: FloatArray,
+    across: FloatArray,
+    above: NDArray[np.bool_],
+    start: FloatArray,
+    end: FloatArray,
+    half: float,
+    most: float,
+) -> FloatArray:
+    """Free space (M,) beside start … end. What is nearer than TOUCHING belongs to the contact itself."""
+    if not along.shape[1]:
+        return np.full(len(along), most)
+    distance = np.maximum(start[:, None] - along, along - end[:, None])
+    in_the_way = above & (np.abs(across) <= half + BESIDE) & (distance >= TOUCHING)
+    return np.where(in_the_way, distance, most).min(axis=1, initial=most)

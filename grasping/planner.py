@@ -15,6 +15,8 @@ and departs from it where a one-sided cloud and a real hand ask for it:
 from __future__ import annotations
 
 import math
+from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,11 +24,11 @@ from numpy.typing import ArrayLike, NDArray
 from grasping.clouds import object_cloud, workspace
 from grasping.contacts import Contacts, refine
 from grasping.errors import ConfigError
-from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
+from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.profiles import Holds, scan
 from grasping.published import PublishedPlanner
-from grasping.survey import report_regions, single_primitive
+from grasping.survey import Survey, survey
 from grasping.views import View, views_from_above, views_without_table
 
 FloatArray = NDArray[np.float64]
@@ -44,6 +46,8 @@ WEIGHTS = {
 REFINED = 8  # holds of the coarse scan that are looked at closely
 ALIKE_PLACE, ALIKE_HEADING = 0.012, math.radians(20)  # holds nearer than this are one
 LEAST_OVERLAP = 0.004  # m
+LEAST_CONTACT = 0.3  # share of a pad's width
+MOST_CLEARANCE = 0.015  # m beside each pad on the way in, where there is room
 FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
 
@@ -57,7 +61,7 @@ class CurvaturePlanner:
     friction: coefficient between pad and object; contacts outside its cone slip.
     headings: number of closing directions that the scan tries over half a turn; each hold found is then turned freely.
     max_tilt: of the approach against straight down, rad, where straight down finds nothing; 0 never tilts.
-    n_points: larger clouds are thinned to about this many points.
+    n_points: larger clouds are thinned, to boxes of 2.5 mm and, along the approach, 10 mm.
 
     Terms of a grasp: those of the score (`WEIGHTS`) and, for the policy, `opening`: to come in with, m; `tip_height`:
     of the tips above the table, or above the lowest point seen, m; `tilt`: of the approach, rad.
@@ -73,7 +77,7 @@ class CurvaturePlanner:
         friction: float = 0.4,
         headings: int = 12,
         max_tilt: float = math.radians(35),
-        n_points: int = 2000,
+        n_points: int = 4000,
     ) -> None:
         for name, value, least, most in (
             ("side_clearance", side_clearance, 0.0, gripper.stroke / 2),
@@ -118,23 +122,17 @@ class CurvaturePlanner:
         if up_vector is None:
             views = views_without_table(cloud, neighbours, self.n_points)
         else:
-            views = views_from_above(cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._reach)
+            views = views_from_above(cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt)
+        seen: Survey | None = None
         failures: list[str] = []
-        regions: list[RegionReport] = []
-        for number, view in enumerate(views):
-            if number == 0:
-                first = view
-            candidates, holds, reason = self._plan_view(view)
-            if number == 0:
-                regions = report_regions(view, holds, self.gripper, self._greatest_width)
-            if candidates:
-                primitive = single_primitive(regions)
-                grasps = [
-                    self._grasp(view, contacts, terms, regions, first, primitive) for contacts, terms in candidates
-                ]
-                return plan_from(grasps, regions, "")
+        for view in views:
+            kept, holds, reason = self._plan_view(view)
+            if seen is None:
+                seen = survey(view, holds, self.gripper.finger_width, self._greatest_width)
+            if kept:
+                return plan_from([self._grasp(view, one, seen) for one in kept], seen.regions, "")
             failures.append(reason)
-        return plan_from([], regions, failures[0])
+        return plan_from([], [] if seen is None else seen.regions, failures[0])
 
     @property
     def _greatest_width(self) -> float:
@@ -155,7 +153,7 @@ class CurvaturePlanner:
             self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length - self.gripper.palm_depth - 0.01
         )
 
-    def _plan_view(self, view: View) -> tuple[list[tuple[Contacts, dict[str, float]]], Holds | None, str]:
+    def _plan_view(self, view: View) -> tuple[list[_Kept], Holds | None, str]:
         """All grasps along one approach with the terms of their scores, the coarse holds, and why there is none."""
         top = float(view.height.max())
         lowest = max(view.floor + self.tip_clearance, top - self._reach)
@@ -176,6 +174,7 @@ class CurvaturePlanner:
             finger_room=self._finger_room,
             wished_room=self._wished_room,
             greatest_width=self._greatest_width,
+            centre=view.centre,
         )
         holds = found.holds
         if not len(holds):
@@ -183,44 +182,47 @@ class CurvaturePlanner:
                 wide, most = found.narrowest * 1e3, self._greatest_width * 1e3
                 return [], holds, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
             return [], holds, "no room for the fingers: something stands beside the object on every line across it"
-        kept: list[tuple[Contacts, dict[str, float]]] = []
-        refused: dict[str, int] = {}
-        for index in self._select(holds, view):
-            one = holds.take(np.array([index]))
-            contacts = refine(
-                view.xy,
-                view.height,
-                view.obstacle_xy,
-                view.obstacle_height,
-                heading=float(one.heading[0]),
-                x=float(one.x[0]),
-                y=float(one.y[0]),
-                tip=float(one.tip[0]),
-                width=float(one.width[0]),
-                gripper=self.gripper,
-                finger_room=self._finger_room,
-                wished_room=self._wished_room,
+        chosen = holds.take(np.array(self._select(holds, view)))
+        contacts = refine(
+            view.xy,
+            view.height,
+            view.obstacle_xy,
+            view.obstacle_height,
+            chosen,
+            pad_width=self.gripper.finger_width,
+            wished_room=self._wished_room,
+        )
+        terms = self._terms(contacts, view, chosen.whole)
+        score = self._weigh(terms)
+        problems = self._problems(contacts)
+        kept = [
+            _Kept(
+                heading=float(contacts.heading[i]),
+                x=float(contacts.x[i]),
+                y=float(contacts.y[i]),
+                tip=float(contacts.tip[i]),
+                width=float(contacts.width[i]),
+                score=float(score[i]),
+                terms={name: float(value[i]) for name, value in terms.items()},
             )
-            problem = self._problem(contacts)
-            if problem is not None or contacts is None:
-                refused[problem or ""] = refused.get(problem or "", 0) + 1
-                continue
-            kept.append((contacts, self._terms(contacts, view, bool(one.whole[0]))))
+            for i, problem in enumerate(problems)
+            if not problem
+        ]
+        refused = Counter(problem for problem in problems if problem)
         reason = "none of the best places holds: " + "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
         return kept, holds, reason
 
-    def _problem(self, contacts: Contacts | None) -> str | None:
-        if contacts is None:
-            return "too few points between the pads"
-        if contacts.width > self._greatest_width:
-            return "too wide"
-        if contacts.blocked:
-            return "no room for the fingers"
-        if contacts.overlap < LEAST_OVERLAP:
-            return "the pads would touch a slope"
-        if contacts.angle > math.atan(self.friction):
-            return "the contacts slip"
-        return None
+    def _problems(self, contacts: Contacts) -> list[str]:
+        """Why each of the holds is none; empty for those that hold."""
+        checks = {
+            "too few points between the pads": contacts.empty,
+            "too wide": contacts.width > self._greatest_width,
+            "no room for the fingers": contacts.gap < self._finger_room,
+            "the pads would touch a slope": contacts.overlap < LEAST_OVERLAP,
+            "the contacts slip": contacts.angle > math.atan(self.friction),
+            "the pads would touch a corner": contacts.contact < LEAST_CONTACT,
+        }
+        return [next((why for why, bad in checks.items() if bad[i]), "") for i in range(len(contacts.x))]
 
     def _select(self, holds: Holds, view: View) -> list[int]:
         """The best holds of the scan, each unlike those before it."""
@@ -250,49 +252,54 @@ class CurvaturePlanner:
             score = np.where(alike, -np.inf, score)
         return chosen
 
-    def _terms(self, contacts: Contacts, view: View, whole: bool) -> dict[str, float]:
-        distance = math.hypot(contacts.x - view.centre[0], contacts.y - view.centre[1])
+    def _terms(self, contacts: Contacts, view: View, whole: NDArray[np.bool_]) -> dict[str, FloatArray]:
+        """Terms of the score and measures for the policy, as in the class's docstring; each (M,)."""
+        distance = np.hypot(contacts.x - view.centre[0], contacts.y - view.centre[1])
         spare = (contacts.gap - self._finger_room) / (self._wished_room - self._finger_room)
-        clear = min(contacts.gap - self.gripper.finger_thickness, 0.015)
+        clear = np.clip(contacts.gap - self.gripper.finger_thickness, 0.0, MOST_CLEARANCE)
         return {
             "contact": contacts.contact,
-            "angle": max(0.0, 1.0 - contacts.angle / math.atan(self.friction)),
-            "overlap": float(_overlap_term(np.array(contacts.overlap))),
-            "centre": max(0.0, 1.0 - distance / FAR_FROM_CENTRE),
-            "room": min(1.0, max(0.0, spare)),
-            "narrow": 1.0 - contacts.width / self.gripper.stroke,
-            "whole": float(whole),
-            "opening": min(self.gripper.stroke, contacts.width + 2.0 * clear),
+            "angle": np.clip(1.0 - contacts.angle / math.atan(self.friction), 0.0, 1.0),
+            "overlap": _overlap_term(contacts.overlap),
+            "centre": np.clip(1.0 - distance / FAR_FROM_CENTRE, 0.0, 1.0),
+            "room": np.clip(spare, 0.0, 1.0),
+            "narrow": np.clip(1.0 - contacts.width / self.gripper.stroke, 0.0, 1.0),
+            "whole": whole.astype(np.float64),
+            "opening": np.minimum(self.gripper.stroke, contacts.width + 2.0 * clear),
             "tip_height": contacts.tip - view.floor,
-            "tilt": view.tilt,
+            "tilt": np.full(len(contacts.x), view.tilt),
         }
 
     def _weigh(self, terms: dict[str, FloatArray]) -> FloatArray:
-        total = sum(WEIGHTS[name] for name in terms)
-        return sum((WEIGHTS[name] * value for name, value in terms.items()), np.zeros(())) / total
+        """Weighted mean of those terms that have a weight."""
+        weights = {name: WEIGHTS[name] for name in terms if name in WEIGHTS}
+        return sum((weight * terms[name] for name, weight in weights.items()), np.zeros(())) / sum(weights.values())
 
-    def _grasp(
-        self,
-        view: View,
-        contacts: Contacts,
-        terms: dict[str, float],
-        regions: list[RegionReport],
-        first: View,
-        primitive: str | None,
-    ) -> Grasp:
-        cos, sin = math.cos(contacts.heading), math.sin(contacts.heading)
-        closing = cos * view.axes[:, 0] + sin * view.axes[:, 1]
-        approach = -view.axes[:, 2]
+    def _grasp(self, view: View, kept: _Kept, seen: Survey) -> Grasp:
+        cos, sin = math.cos(kept.heading), math.sin(kept.heading)
         pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([closing, np.cross(approach, closing), approach])
-        local = np.array([contacts.x, contacts.y, contacts.tip + 0.5 * self.gripper.pad_length])
-        pose[:3, 3] = view.origin + view.axes @ local
-        score = float(sum(weight * terms[name] for name, weight in WEIGHTS.items()))
-        held = view.origin + view.axes @ np.array([contacts.x, contacts.y, contacts.tip])
-        distance = math.hypot(contacts.x - view.centre[0], contacts.y - view.centre[1])
-        if primitive is not None and distance < 0.5 * self.gripper.finger_width:
-            return Grasp(pose, contacts.width, score, "primitive", None, terms)
-        return Grasp(pose, contacts.width, score, "region", first.region_at(held, regions), terms)
+        pose[:3, 0] = cos * view.axes[:, 0] + sin * view.axes[:, 1]
+        pose[:3, 1] = sin * view.axes[:, 0] - cos * view.axes[:, 1]  # approach × closing
+        pose[:3, 2] = -view.axes[:, 2]
+        pose[:3, 3] = view.in_cloud(kept.x, kept.y, kept.tip + 0.5 * self.gripper.pad_length)
+        distance = math.hypot(kept.x - view.centre[0], kept.y - view.centre[1])
+        if distance < 0.5 * self.gripper.finger_width and seen.one_primitive():
+            return Grasp(pose, kept.width, kept.score, "primitive", None, kept.terms)
+        region = seen.region_at(view.in_cloud(kept.x, kept.y, kept.tip))
+        return Grasp(pose, kept.width, kept.score, "region", region, kept.terms)
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """One hold that passed every check, in its view's frame."""
+
+    heading: float
+    x: float
+    y: float
+    tip: float
+    width: float
+    score: float
+    terms: dict[str, float]
 
 
 def _overlap_term(overlap: FloatArray) -> FloatArray:

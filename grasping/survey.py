@@ -2,65 +2,98 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from grasping.curvature import variation_at
 from grasping.grasp import RegionReport
-from grasping.gripper import Gripper
 from grasping.primitives import all_alike, primitive_of
 from grasping.profiles import Holds
 from grasping.views import View
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
-THINNED = 512  # points on which σ is measured
-NEIGHBOURS = 12
+THINNED = 300  # points on which σ is measured
+NEIGHBOURS = 10
 PART_GAP = 0.010  # m along the closing axis at which a slab falls apart: less than that no finger enters
 SIMILAR_LENGTH = 0.008  # m, as published
 
 
-def report_regions(view: View, holds: Holds | None, gripper: Gripper, greatest_width: float) -> list[RegionReport]:
-    """Slabs as high as a finger is wide, evenly divided so that the last one is whole, and their parts.
+@dataclass(frozen=True)
+class Survey:
+    """Regions of an object, and their footprints' corners (R, 2) in the view's frame."""
+
+    view: View
+    regions: list[RegionReport]
+    low: FloatArray
+    high: FloatArray
+
+    def region_at(self, point: FloatArray) -> int | None:
+        """Index of the smallest region whose footprint holds this point of the cloud's frame, if one does."""
+        place = ((point - self.view.origin) @ self.view.axes)[:2]
+        holding = np.flatnonzero(((place >= self.low) & (place <= self.high)).all(axis=1))
+        if not len(holding):
+            return None
+        return int(holding[(self.high - self.low)[holding].prod(axis=1).argmin()])
+
+    def one_primitive(self) -> bool:
+        """Whether all regions are alike, so that the whole object is one primitive."""
+        ordered = sorted(self.regions, key=lambda region: region.curvature)
+        primitives = [region.primitive for region in ordered]
+        return bool(ordered) and all_alike(primitives, [region.width for region in ordered], SIMILAR_LENGTH)
+
+
+def survey(view: View, holds: Holds | None, slab_height: float, greatest_width: float) -> Survey:
+    """Cut into slabs of about this height, evenly, so that the last one is whole, and those into their parts.
 
     A region is a "candidate" where the scan found a hold whose centre lies in it.
     """
-    step = max(1, len(view.xy) // THINNED)
-    local = np.column_stack([view.xy, view.height])[::step]
+    local = np.column_stack([view.xy, view.height])[:: max(1, len(view.xy) // THINNED)]
     sigma = variation_at(local, local, NEIGHBOURS, cKDTree(local))
     y = local[:, 1]
-    count = max(1, round(float(np.ptp(y)) / gripper.finger_width))
-    slab_of = np.clip(((y.max() - y) / max(float(np.ptp(y)), 1e-9) * count).astype(np.int64), 0, count - 1)
-    regions = []
+    length = max(float(np.ptp(y)), 1e-9)
+    count = max(1, round(length / slab_height))
+    slab_of = np.minimum(((y.max() - y) / length * count).astype(np.int64), count - 1)
+    regions, low, high = [], [], []
     for slab in range(count):
         members = np.flatnonzero(slab_of == slab)
-        if len(members) < 3:
-            continue
-        order = members[np.argsort(local[members, 0])]
-        parts = np.split(order, np.flatnonzero(np.diff(local[order, 0]) > PART_GAP) + 1)
-        chosen: list[tuple[int | None, NDArray[np.int64]]] = [(None, members)]
-        if len(parts) > 1:
-            chosen += [(index, part) for index, part in enumerate(parts) if len(part) >= 3]
-        for cluster, part in chosen:
+        for cluster, part in _parts(members, local[members, 0]):
             x = local[part, 0]
-            width = float(np.ptp(x))
-            curvature = float(sigma[part[int(x.argmin())]] + sigma[part[int(x.argmax())]])
-            verdict = _verdict(local[part], width, holds, greatest_width)
-            points = view.origin + local[part] @ view.axes.T
-            regions.append(RegionReport(points, primitive_of(sigma[part]), width, curvature, verdict, slab, cluster))
-    return regions
+            first, last = int(x.argmin()), int(x.argmax())
+            low.append((x[first], y[part].min()))
+            high.append((x[last], y[part].max()))
+            width = float(x[last] - x[first])
+            regions.append(
+                RegionReport(
+                    points=view.origin + local[part] @ view.axes.T,
+                    primitive=primitive_of(sigma[part]),
+                    width=width,
+                    curvature=float(sigma[part[first]] + sigma[part[last]]),
+                    verdict=_verdict(low[-1], high[-1], width, holds, greatest_width),
+                    slab=slab,
+                    cluster=cluster,
+                )
+            )
+    return Survey(view, regions, np.array(low).reshape(-1, 2), np.array(high).reshape(-1, 2))
 
 
-def single_primitive(regions: list[RegionReport]) -> str | None:
-    """The primitive that the whole object is, where all its regions are alike."""
-    ordered = sorted(regions, key=lambda region: region.curvature)
-    names = [region.primitive for region in ordered]
-    return names[0] if names and all_alike(names, [r.width for r in ordered], SIMILAR_LENGTH) else None
+def _parts(members: IntArray, x: FloatArray) -> list[tuple[int | None, IntArray]]:
+    """A slab and, where it falls apart along x, its parts from the left; each of three points or more."""
+    if len(members) < 3:
+        return []
+    order = np.argsort(x)
+    gaps = np.flatnonzero(np.diff(x[order]) > PART_GAP) + 1
+    parts = np.split(members[order], gaps) if len(gaps) else []
+    return [(None, members), *((i, part) for i, part in enumerate(parts) if len(part) >= 3)]
 
 
-def _verdict(local: FloatArray, width: float, holds: Holds | None, greatest_width: float) -> str:
-    low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
+def _verdict(
+    low: tuple[float, float], high: tuple[float, float], width: float, holds: Holds | None, greatest_width: float
+) -> str:
     if holds is not None and len(holds):
         inside = (holds.x >= low[0]) & (holds.x <= high[0]) & (holds.y >= low[1]) & (holds.y <= high[1])
         if inside.any():

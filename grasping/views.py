@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.grasp import RegionReport
 from grasping.regions import object_axes, principal_axes
 
 FloatArray = NDArray[np.float64]
 
 REACHED = 0.08  # m beyond the object in which neighbours matter
-CELL = 0.004  # m, to which neighbours and columns are thinned
+CELL = 0.004  # m, in which a footprint is weighed
+OBSTACLE_CELL = 0.003  # m, to which neighbours are thinned
+BOX = 0.0025  # m, to which large clouds are thinned
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,9 @@ class View:
     centre: FloatArray
     tilt: float
 
-    def region_at(self, point: FloatArray, regions: list[RegionReport]) -> int | None:
-        """Index of the smallest region whose footprint contains this point of the cloud's frame, if there is one."""
-        xy = ((point - self.origin) @ self.axes)[:2]
-        found, least = None, math.inf
-        for index, region in enumerate(regions):
-            local = ((region.points - self.origin) @ self.axes)[:, :2]
-            low, high = local.min(axis=0), local.max(axis=0)
-            area = float(np.prod(high - low))
-            if (xy >= low - 1e-6).all() and (xy <= high + 1e-6).all() and area < least:
-                found, least = index, area
-        return found
+    def in_cloud(self, x: float, y: float, height: float) -> FloatArray:
+        """A point of this frame in the cloud's."""
+        return self.origin + self.axes @ np.array([x, y, height])
 
 
 def views_from_above(
@@ -57,7 +50,6 @@ def views_from_above(
     obstacles: FloatArray,
     n_points: int,
     max_tilt: float,
-    reach: float,
 ) -> Iterator[View]:
     """Straight down first; then, drawn only when asked for, tilted by `max_tilt` about the footprint's axes."""
     seed = np.eye(3)[int(np.abs(up).argmin())]
@@ -69,22 +61,20 @@ def views_from_above(
     # Points under the table are noise of the table.
     height = np.maximum(cloud @ up - table_height, 0.0)
     flat = cloud @ level
-    cells = thin_to_cells(flat, height, _cell_size(len(cloud), n_points))
-    axes2 = principal_axes(flat[cells])
-    short = level @ axes2[:, 1]
+    short = level @ principal_axes(flat[highest_in_cells(flat, height, CELL)])[:, 1]
     axes = np.column_stack([short, np.cross(up, short), up])
     near = _near(cloud, obstacles)
-    straight = _view(cloud[cells], near, axes, up, table_height, 0.0)
+    thinned = _thin(cloud, axes, n_points)
+    straight = _view(thinned, near, axes, table_height, 0.0)
     yield straight
     if max_tilt <= 0.0:
         return
-    solid = _columns(cloud[cells], height[cells], up)
+    solid = _columns(thinned, np.maximum(thinned @ up - table_height, 0.0), up)
     table_points = _table_points(straight, table_height, up)
     for angle in (0.5 * max_tilt, max_tilt):
         for about, sign in ((1, 1.0), (1, -1.0), (0, 1.0), (0, -1.0)):
             turned = axes @ _rotation(about, sign * angle)
-            view = _view(solid, np.vstack([near, table_points]), turned, up, None, angle)
-            yield view
+            yield _view(solid, np.vstack([near, table_points]), turned, None, angle)
 
 
 def views_without_table(cloud: FloatArray, obstacles: FloatArray, n_points: int) -> Iterator[View]:
@@ -99,34 +89,40 @@ def views_without_table(cloud: FloatArray, obstacles: FloatArray, n_points: int)
         for way in (against, -against):
             short = axes[:, 2 - third]
             frame = np.column_stack([short, np.cross(way, short), way])
-            local = cloud @ frame
-            cells = thin_to_cells(local[:, :2], local[:, 2], _cell_size(len(cloud), n_points))
-            yield _view(cloud[cells], near, frame, None, None, 0.0)
+            yield _view(_thin(cloud, frame, n_points), near, frame, None, 0.0)
 
 
-def thin_to_cells(xy: FloatArray, height: FloatArray, cell: float) -> NDArray[np.int64]:
-    """Indices of the highest and the lowest point in each square cell of the plane; all of them where cell is 0."""
-    if cell <= 0.0:
-        return np.arange(len(xy))
+def highest_in_cells(xy: FloatArray, height: FloatArray, cell: float) -> NDArray[np.int64]:
+    """Indices of the highest point in each square cell of the plane."""
     index = np.floor((xy - xy.min(axis=0)) / cell).astype(np.int64)
-    key = index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]
-    order = np.lexsort((height, key))
-    change = np.flatnonzero(np.diff(key[order]))
-    last = np.concatenate([change, [len(key) - 1]])
-    first = np.concatenate([[0], change + 1])
-    return np.unique(order[np.concatenate([first, last])])
+    rows, columns = (int(size) + 1 for size in index.max(axis=0))
+    order = np.argsort(height)
+    highest = np.full(rows * columns, -1, dtype=np.int64)
+    highest[(index[:, 0] * columns + index[:, 1])[order]] = order  # the last one written, the highest, stays
+    return highest[highest >= 0]
 
 
-def _cell_size(count: int, n_points: int) -> float:
-    """No thinning up to n_points; 2.5 mm beyond, which leaves one to two thousand points of an object."""
-    return 0.0 if count <= n_points else 0.0025
+def _thin(cloud: FloatArray, axes: FloatArray, n_points: int) -> FloatArray:
+    """A large cloud with one point left in each small box, 2.5 mm wide and 10 mm along the approach."""
+    if len(cloud) <= n_points:
+        return cloud
+    local = cloud @ axes
+    span = float(np.ptp(local, axis=0).max())
+    size = np.array([1.0, 1.0, 4.0]) * max(BOX, span / 200)
+    index = np.floor((local - local.min(axis=0)) / size).astype(np.int64)
+    counts = index.max(axis=0) + 1
+    key = (index[:, 0] * counts[1] + index[:, 1]) * counts[2] + index[:, 2]
+    # The highest of a box, and not any, so that the choice does not depend on the order of the points.
+    order = np.argsort(local[:, 2])
+    kept = np.full(int(np.prod(counts)), -1, dtype=np.int64)
+    kept[key[order]] = order
+    return cloud[kept[kept >= 0]]
 
 
 def _view(
     cloud: FloatArray,
     obstacles: FloatArray,
     axes: FloatArray,
-    up: FloatArray | None,
     table_height: float | None,
     tilt: float,
 ) -> View:
@@ -137,9 +133,11 @@ def _view(
     middle[2] = lowest if table_height is None else table_height
     local = local - middle
     others = obstacles @ axes - middle
+    if len(others):
+        others = others[highest_in_cells(others[:, :2], others[:, 2], OBSTACLE_CELL)]
     height = local[:, 2] if table_height is None else np.maximum(local[:, 2], 0.0)
     # Each 4 mm cell once, weighed by the height of what stands on it: independent of how densely it was seen.
-    cells = thin_to_cells(local[:, :2], height, CELL)
+    cells = highest_in_cells(local[:, :2], height, CELL)
     weight = np.maximum(height[cells], 0.003)
     centre = (weight[:, None] * local[cells, :2]).sum(axis=0) / weight.sum()
     return View(axes @ middle, axes, local[:, :2], height, others[:, :2], others[:, 2], 0.0, centre, tilt)
