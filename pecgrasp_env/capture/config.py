@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, SensorError, SensorMode, intrinsics_of
 
-__all__ = ["CaptureConfig", "CaptureError", "ObjectsConfig"]
+__all__ = ["SCENARIOS", "CaptureConfig", "CaptureError", "ObjectsConfig", "TabletopConfig"]
+
+SCENARIOS = ("free", "tabletop")
 
 
 class CaptureError(ValueError):
@@ -39,9 +42,38 @@ class ObjectsConfig:
 
 
 @dataclass(frozen=True)
-class CaptureConfig:
-    """The `free` scenario (published protocol) and its camera."""
+class TabletopConfig:
+    """Where the camera stands above the table, and what segmentation takes from the object."""
 
+    distance: tuple[float, float] = (0.4, 0.7)
+    """Metres from the camera to the table along the optical axis, smallest and largest."""
+    max_tilt: float = 0.6
+    """Largest angle between the optical axis and the vertical, radians."""
+    cut: tuple[float, float] = (0.003, 0.008)
+    """Points up to this height above the table are lost with it, metres, smallest and largest."""
+    drops: int = 64
+    """Falls of an instance, from which its resting poses are drawn."""
+
+    def __post_init__(self) -> None:
+        for name in ("distance", "cut"):
+            low, high = getattr(self, name)
+            if not 0 <= low <= high:
+                raise CaptureError(f"tabletop.{name} must be (smallest, largest) and not negative, got {(low, high)}")
+        if self.distance[0] <= 0:
+            raise CaptureError(f"tabletop.distance must be positive, got {self.distance}")
+        # Rays at the image's corner are 50 degrees off the axis: beyond 0.7 rad they pass over the table's edge.
+        if not 0 <= self.max_tilt <= 0.7:
+            raise CaptureError(f"tabletop.max_tilt must lie in 0 … 0.7 rad, got {self.max_tilt}")
+        if self.drops < 1:
+            raise CaptureError(f"tabletop.drops must be at least 1, got {self.drops}")
+
+
+@dataclass(frozen=True)
+class CaptureConfig:
+    """A scenario, its objects and its camera."""
+
+    scenario: str = "free"
+    """"free": the published protocol, any pose in the air. "tabletop": at rest, seen from above."""
     objects: ObjectsConfig = field(default_factory=ObjectsConfig)
     samples_per_instance: int = 1000
     sensor: SensorMode = "ideal"
@@ -49,7 +81,9 @@ class CaptureConfig:
     noise: D435Noise = field(default_factory=D435Noise)
     """Used where sensor is "d435"."""
     max_depth: float = 2.0
-    """Metres along the optical axis; objects' centres are drawn from the minimum depth of the resolution up to it."""
+    """Of `free`, metres along the optical axis: objects are drawn from the resolution's minimum depth up to it."""
+    tabletop: TabletopConfig = field(default_factory=TabletopConfig)
+    """Of `tabletop`."""
     min_points: int = 64
     """A cloud with fewer points is thrown away and its pose drawn anew."""
     seed: int = 0
@@ -60,6 +94,8 @@ class CaptureConfig:
         for name in ("samples_per_instance", "min_points", "shard_size"):
             if getattr(self, name) < 1:
                 raise CaptureError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.scenario not in SCENARIOS:
+            raise CaptureError(f"scenario {self.scenario!r} does not exist; choose one of {', '.join(SCENARIOS)}")
         if self.seed < 0:
             raise CaptureError(f"seed must not be negative, got {self.seed}")
         if self.sensor not in SENSOR_MODES:
@@ -77,8 +113,13 @@ class CaptureConfig:
         noise = dict(sensor.get("noise") or {})
         if "patch_radius" in noise:
             noise["patch_radius"] = tuple(noise["patch_radius"])
+        tabletop = dict(settings.get("tabletop") or {})
+        for name in {"distance", "cut"} & tabletop.keys():
+            tabletop[name] = tuple(tabletop[name])
         classes = objects["classes"]
         return cls(
+            scenario=settings.get("scenario", "free"),
+            tabletop=TabletopConfig(**tabletop),
             objects=ObjectsConfig(
                 path=objects["path"],
                 classes=None if classes is None else tuple(classes),
@@ -94,6 +135,14 @@ class CaptureConfig:
                 for name in ("samples_per_instance", "max_depth", "min_points", "seed", "shard_size")
             },
         )
+
+    def described(self) -> dict[str, Any]:
+        """What decides the data, as JSON has it: without the numbers of a scenario or a sensor that is not used."""
+        unused = {"max_depth"} if self.scenario == "tabletop" else {"tabletop"}
+        if self.sensor == "ideal":
+            unused.add("noise")
+        whole = {**asdict(self), "camera": asdict(self.intrinsics)}
+        return json.loads(json.dumps({name: value for name, value in whole.items() if name not in unused}))
 
     @property
     def intrinsics(self) -> CameraIntrinsics:

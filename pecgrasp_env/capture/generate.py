@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import json
 import os
 import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +64,7 @@ def generate(
     started = time.monotonic()
     planned, jobs = _plan(config)
     manifest = _resume(directory, planned)
-    instances = {instance["name"]: instance for instance in manifest.instances}
+    instances = {(instance["class"], instance["name"]): instance for instance in manifest.instances}
     done = {record.file: record for record in manifest.shards}
     missing = [job for job in jobs if shard_name(job.index) not in done]
     total = sum(job.count for job in jobs)
@@ -74,13 +73,14 @@ def generate(
         progress(total - sum(job.count for job in missing), total)
     with closing(make_shards(config, directory, missing, workers)) as results:
         for record, instance in results:
-            known = instances[instance["name"]]
+            key = instance["class"], instance["name"]
+            known = instances[key]
             if known.get("mesh_sha256", instance["mesh_sha256"]) != instance["mesh_sha256"]:
                 raise DatasetError(
                     f"{directory} holds clouds of another {instance['name']}: its mesh has changed since. "
                     "Give another out=, or remove that folder"
                 )
-            instances[instance["name"]] = instance
+            instances[key] = instance
             done[record.file] = record
             n_new += record.n_samples
             shards = sorted(done.values(), key=lambda r: r.file)
@@ -107,8 +107,7 @@ def _plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
                 count = min(config.shard_size, config.samples_per_instance - first)
                 jobs.append(ShardJob(len(jobs), class_index, len(instances) - 1, number, first, count))
     versions = {package: importlib.metadata.version(package) for package in _PACKAGES}
-    described = json.loads(json.dumps({"scenario": "free", **asdict(config), "camera": asdict(config.intrinsics)}))
-    return Manifest(list(source.classes), instances, described, config.seed, versions), jobs
+    return Manifest(list(source.classes), instances, config.described(), config.seed, versions), jobs
 
 
 def _resume(directory: Path, planned: Manifest) -> Manifest:

@@ -21,10 +21,12 @@ import numpy as np
 
 from pec.shards import ShardRecord, shard_name, write_shard
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
+from pecgrasp_env.capture.samples import draw_sample, sample_seed
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectModel
+from pecgrasp_env.objects.mesh_folder import MeshFolder
 
 if TYPE_CHECKING:
-    from pecgrasp_env.capture.free import FreeScenario
+    from pecgrasp_env.capture.samples import Scenario
 
 __all__ = ["Result", "ShardJob", "make_shards", "open_source"]
 
@@ -46,9 +48,11 @@ Result = tuple[ShardRecord, dict[str, Any]]
 """A written shard, and the manifest's entry for its instance."""
 
 
-def open_source(config: CaptureConfig) -> Catalogue:
-    """The objects that `config` names. Raises ObjectError for an unknown class."""
+def open_source(config: CaptureConfig) -> Catalogue | MeshFolder:
+    """The objects that `config` names. Raises ObjectError for an unknown class, an empty or missing folder."""
     objects = config.objects
+    if objects.path is not None:
+        return MeshFolder(objects.path, objects.scale, objects.classes)
     return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 2, objects.seed)
 
 
@@ -118,39 +122,44 @@ def _submit_next(
         running[executors[lane].submit(_make_in_worker, lanes[lane].popleft())] = lane
 
 
+def _open_scenario(config: CaptureConfig) -> Scenario:
+    # Imported here, as they load Vulkan: in the process that renders only.
+    if config.scenario == "tabletop":
+        from pecgrasp_env.capture.tabletop import TabletopScenario
+
+        return TabletopScenario(config)
+    from pecgrasp_env.capture.free import FreeScenario
+
+    return FreeScenario(config)
+
+
 class _Photographer:
     """Makes shards in one process, one scene for all of them."""
 
     def __init__(self, config: CaptureConfig, directory: Path) -> None:
-        from pecgrasp_env.capture.free import FreeScenario  # loads Vulkan: in the process that renders only
-
         self._config = config
         self._directory = directory
         self._source = open_source(config)
-        self._scenario: FreeScenario = FreeScenario(config)
+        self._scenario = _open_scenario(config)
         self._shown: dict[str, Any] = {}
 
     def make(self, job: ShardJob) -> Result:
         """Capture the samples of `job` and write its shard."""
-        from pecgrasp_env.capture.free import sample_seed
-
         class_name = self._source.classes[job.class_index]
         name = self._source.names(class_name)[job.number_in_class]
-        if self._shown.get("name") != name:
+        if (self._shown.get("class"), self._shown.get("name")) != (class_name, name):
             model = self._source.load(class_name, job.number_in_class)
             self._scenario.show(model)
             extents = [round(float(size), 5) for size in model.extents]
             self._shown = {"name": name, "class": class_name, "extents_m": extents, "mesh_sha256": _mesh_hash(model)}
         rejected: Counter[str] = Counter()
-        samples = [
-            self._scenario.capture(
-                job.class_index,
-                job.instance_index,
-                sample_seed(self._config.seed, class_name, name, sample),
-                rejected,
-            )
-            for sample in range(job.first, job.first + job.count)
-        ]
+        samples = []
+        for number in range(job.first, job.first + job.count):
+            seed = sample_seed(self._config.seed, class_name, name, number)
+            try:
+                samples.append(draw_sample(self._scenario, job.class_index, job.instance_index, seed, rejected))
+            except CaptureError as error:
+                raise CaptureError(f"{class_name}/{name}: {error}") from error
         record = write_shard(self._directory / shard_name(job.index), samples)
         return replace(record, rejected=dict(sorted(rejected.items()))), self._shown
 

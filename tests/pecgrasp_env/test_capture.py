@@ -15,11 +15,13 @@ import trimesh
 
 from pec.errors import DatasetError
 from pec.shards import read_manifest, read_shard, write_manifest
-from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, generate, summarise
-from pecgrasp_env.capture.free import FreeScenario, random_pose, sample_seed
+from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate, summarise
+from pecgrasp_env.capture.free import FreeScenario, random_pose
+from pecgrasp_env.capture.samples import draw_sample, sample_seed
 from pecgrasp_env.capture.studio import DepthStudio
+from pecgrasp_env.capture.tabletop import TabletopScenario, camera_above_table, resting_poses, table_depth
 from pecgrasp_env.objects import LARS_CLASSES, ObjectError, ObjectModel, Part, make_object
-from pecgrasp_env.sensor import D435, D435Noise, SensorError
+from pecgrasp_env.sensor import D435, D435Noise, SensorError, deproject
 
 ROOT = Path(__file__).parents[2]
 SMALL = CaptureConfig(
@@ -62,7 +64,7 @@ def test_cloud_of_a_block_lies_on_the_block():
     scenario = FreeScenario(CaptureConfig(resolution="848x480"))
     scenario.show(block(*(2 * half)))
     for seed in range(40):
-        sample = scenario.capture(0, 0, seed, Counter())
+        sample = draw_sample(scenario, 0, 0, seed, Counter())
         outside = np.abs(in_object_frame(sample)) - half
         distance = np.linalg.norm(np.maximum(outside, 0), axis=1) + np.minimum(outside.max(axis=1), 0)
         assert np.abs(distance).max() < 1e-4
@@ -74,7 +76,7 @@ def test_cloud_is_what_rays_through_the_pixels_hit_first():
     scenario = FreeScenario(config)
     scenario.show(model)
     mesh = model.visual_mesh()
-    sample = scenario.capture(0, 0, 5, Counter())
+    sample = draw_sample(scenario, 0, 0, 5, Counter())
     T = sample.T_camera_object.astype(float)
     triangles = mesh.vertices[mesh.faces] @ T[:3, :3].T + T[:3, 3]
     camera = config.intrinsics
@@ -113,19 +115,18 @@ def first_hits(rays: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def test_a_window_shows_what_the_full_frame_shows():
-    camera = D435["424x240"]
-    studio = DepthStudio(camera)
-    studio.show(make_object("joypad", 1))
+    studio = DepthStudio(CaptureConfig(resolution="424x240"))
+    studio.show(make_object("stapler", 1))
     T = np.eye(4)
     T[:3, 3] = 0.13, -0.05, 0.55
-    whole, full = studio.photograph(T, np.zeros(2), np.array([424.0, 240.0]))
-    assert (full.width, full.height) == (424, 240)
-    rows, columns = np.nonzero(whole)
-    low, high = np.array([columns.min(), rows.min()]), np.array([columns.max() + 1, rows.max() + 1])
-    part, window = studio.photograph(T, low, high)
+    frame, _ = studio.photograph(T)
+    assert frame is not None
+    part, window = frame.depth, frame.intrinsics
     assert window.width < 200
-    left, top = window.first_column, int(full.cy - window.cy)
-    assert (part > 0).sum() == (whole > 0).sum()
+    whole = studio.draw(studio.intrinsics).depth
+    assert whole.shape == (240, 424)
+    left, top = window.first_column, int(studio.intrinsics.cy - window.cy)
+    assert (part > 0).sum() == (whole > 0).sum() > 500
     assert part == pytest.approx(whole[top : top + window.height, left : left + window.width], abs=2e-5)
 
 
@@ -194,7 +195,7 @@ def test_d435_clouds_are_noisy_as_the_depth_says():
     scenario.show(block(*(2 * half)))
     camera, ratios = config.intrinsics, []
     for seed in range(60):
-        sample = scenario.capture(0, 0, seed, Counter())
+        sample = draw_sample(scenario, 0, 0, seed, Counter())
         local, T = in_object_frame(sample), sample.T_camera_object
         # Along the ray, a face whose normal makes the angle a with it is error · cos(a) away from the measured point.
         axis = np.argmax(np.abs(local), axis=1)
@@ -208,6 +209,89 @@ def test_d435_clouds_are_noisy_as_the_depth_says():
         z = sample.points[inner, 2]
         ratios.append(error / (z**2 * noise.subpixel_error / (camera.fx * 0.05)))
     assert np.median(np.abs(np.concatenate(ratios))) == pytest.approx(0.674, rel=0.15)  # of a normal distribution
+
+
+# On the table
+
+
+def test_camera_above_the_table_looks_at_its_origin():
+    T = camera_above_table(0.5, 0.3, 1.0)
+    assert np.allclose(T @ (0, 0, 0, 1), (0, 0, 0.5, 1))
+    assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
+    eye = -T[:3, :3].T @ T[:3, 3]
+    assert eye[2] == pytest.approx(0.5 * np.cos(0.3))  # the table's z is up
+    assert T[:3, 2] @ (0, 0, -1) == pytest.approx(np.cos(0.3))
+
+
+def test_computed_depth_of_the_table_is_the_plane():
+    camera = D435["424x240"]
+    T = camera_above_table(0.6, 0.5, -2.0)
+    points = deproject(table_depth(T, camera), camera).reshape(-1, 3)
+    in_table_frame = (points - T[:3, 3]) @ T[:3, :3]
+    assert np.isfinite(points).all()
+    assert np.abs(in_table_frame[:, 2]).max() < 1e-5
+
+
+@pytest.mark.parametrize(("class_name", "seed"), [("stapler", 0), ("plug_adapter", 1), ("can", 2)])
+def test_objects_rest_on_the_table(class_name, seed):
+    model = make_object(class_name, seed)
+    poses = resting_poses(model, 24, 0)
+    assert len(poses) >= 20
+    corners = np.concatenate(model.hulls)
+    for pose in poses:
+        lowest = (corners @ pose[:3, :3].T + pose[:3, 3])[:, 2].min()
+        assert abs(lowest) < 1e-3
+    assert np.array_equal(poses, resting_poses(model, 24, 0))
+    assert not np.array_equal(poses, resting_poses(model, 24, 1))
+
+
+def test_a_block_rests_on_its_faces_and_mostly_on_the_large_ones():
+    model = block(0.10, 0.06, 0.03)
+    up = resting_poses(model, 64, 3)[:, 2, :3]  # the vertical in the object's frame
+    axis = np.abs(up).argmax(axis=1)
+    assert np.abs(up).max(axis=1) == pytest.approx(np.ones(len(up)), abs=0.01)
+    assert np.bincount(axis, minlength=3)[2] > len(up) / 2
+
+
+@pytest.mark.parametrize("sensor", ["ideal", "d435"])
+def test_cloud_on_the_table_is_the_upper_part_of_the_object(sensor):
+    config = CaptureConfig(scenario="tabletop", sensor=sensor, resolution="424x240")
+    scenario = TabletopScenario(config)
+    half = np.array([0.05, 0.03, 0.02])
+    scenario.show(block(*(2 * half)))
+    for seed in range(25):
+        sample = draw_sample(scenario, 0, 0, seed, Counter())
+        T = sample.T_camera_object.astype(float)
+        local = in_object_frame(sample)
+        outside = np.maximum(np.abs(local) - half, 0)
+        assert np.quantile(np.linalg.norm(outside, axis=1), 0.9) < (1e-4 if sensor == "ideal" else 0.008)
+        axis = int(np.abs(T[2, :3]).argmax())
+        upward = -np.sign(T[2, axis]) * local[:, axis]
+        if (
+            sensor == "ideal" and np.abs(T[2, axis]) > 0.8
+        ):  # only the axis that points up is so near to the line of sight
+            assert upward.min() > -half[axis] + config.tabletop.cut[0] - 1e-3
+            assert upward.max() == pytest.approx(half[axis], abs=1e-4)
+        assert 0.2 < T[2, 3] < 1.2
+
+
+def test_tabletop_set_has_the_same_bytes_from_two_workers(tmp_path):
+    config = CaptureConfig(
+        **{
+            **vars(SMALL),
+            "scenario": "tabletop",
+            "sensor": "d435",
+            "samples_per_instance": 6,
+            "tabletop": TabletopConfig(drops=8),
+        }
+    )
+    one = generate(config, tmp_path / "one", workers=1).directory
+    two = generate(config, tmp_path / "two", workers=2).directory
+    assert contents(one) == contents(two)
+    described = read_manifest(one).config
+    assert described["scenario"] == "tabletop"
+    assert described["tabletop"]["distance"] == [0.4, 0.7]
+    assert "max_depth" not in described
 
 
 # The data set on disk
@@ -359,6 +443,7 @@ def test_the_default_is_the_lars_set():
         ({"seed": -1}, CaptureError, "seed"),
         ({"resolution": "800x600"}, SensorError, "800x600"),
         ({"sensor": "lidar"}, SensorError, "lidar"),
+        ({"scenario": "shelf"}, CaptureError, "shelf.*free, tabletop"),
     ],
 )
 def test_a_configuration_that_makes_no_sense_is_named(change, error, message):
@@ -380,6 +465,35 @@ def test_objects_that_make_no_sense_are_named(change, message):
         ObjectsConfig(**change)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"distance": (0.7, 0.4)}, "distance"),
+        ({"max_tilt": 1.2}, "max_tilt"),
+        ({"cut": (-0.1, 0)}, "cut"),
+        ({"drops": 0}, "drops"),
+    ],
+)
+def test_a_table_that_makes_no_sense_is_named(change, message):
+    with pytest.raises(CaptureError, match=message):
+        TabletopConfig(**change)
+
+
+def test_a_folder_of_meshes_becomes_a_data_set(tmp_path):
+    for class_name, size in (("brick", 0.1), ("plank", 0.2)):
+        (tmp_path / "meshes" / class_name).mkdir(parents=True)
+        mesh = trimesh.creation.box((1000 * size, 40, 30))
+        mesh.export(tmp_path / "meshes" / class_name / "1.stl")  # one name in both classes, and millimetres
+    objects = ObjectsConfig(path=str(tmp_path / "meshes"), scale=0.001)
+    config = CaptureConfig(objects=objects, samples_per_instance=4, resolution="424x240")
+    manifest = read_manifest(generate(config, tmp_path / "data", workers=1).directory)
+    assert [(i["class"], i["name"], i["extents_m"]) for i in manifest.instances] == [
+        ("brick", "1", [0.1, 0.04, 0.03]),
+        ("plank", "1", [0.2, 0.04, 0.03]),
+    ]
+    assert [record.n_samples for record in manifest.shards] == [4, 4]
+
+
 def test_an_unknown_class_is_named_before_anything_is_written(tmp_path):
     with pytest.raises(ObjectError, match="teapot"):
         generate(CaptureConfig(objects=ObjectsConfig(classes=("teapot",))), tmp_path / "data", workers=1)
@@ -395,8 +509,8 @@ def test_an_object_in_millimetres_is_told_from_one_in_metres():
 def test_an_object_that_never_has_enough_points_is_given_up_with_the_reasons():
     scenario = FreeScenario(CaptureConfig(min_points=300_000, resolution="424x240"))
     scenario.show(block(0.1, 0.1, 0.1))
-    with pytest.raises(CaptureError, match=r"block_0000: none of .*too few points: \d+"):
-        scenario.capture(0, 0, 1, Counter())
+    with pytest.raises(CaptureError, match=r"none of 2000 poses gave a cloud .*too few points: \d+"):
+        draw_sample(scenario, 0, 0, 1, Counter())
 
 
 def test_workers_and_a_file_in_the_way_are_named(tmp_path):
