@@ -13,6 +13,7 @@ import torch
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.errors import CheckpointError, CloudError
 from pec.evaluation import predict_log_probabilities
+from pec.fused import FusedPEC
 
 __all__ = ["Classifier", "Prediction"]
 
@@ -31,6 +32,7 @@ class Classifier:
 
     def __init__(self, checkpoint: Checkpoint, seed: int = 0) -> None:
         self._checkpoint = checkpoint
+        self._model = FusedPEC(checkpoint.model)
         self._seed = seed
 
     @classmethod
@@ -88,7 +90,7 @@ class Classifier:
             candidates[index, : len(sample)] = torch.from_numpy(sample)
             valid[index, : len(sample)] = True
         checkpoint = self._checkpoint
-        log_probabilities = predict_log_probabilities(checkpoint.model, checkpoint.preprocess, candidates, valid)
+        log_probabilities = predict_log_probabilities(self._model, checkpoint.preprocess, candidates, valid)
         predictions = []
         for row in (log_probabilities / checkpoint.temperature).softmax(dim=1).tolist():
             best = max(range(len(row)), key=row.__getitem__)

@@ -62,7 +62,7 @@ class TrainConfig:
     )
     model: ModelConfig = field(default_factory=ModelConfig)
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
-    augment: Augment = field(default_factory=Augment)
+    augment: Augment = field(default_factory=lambda: Augment(remove=0.4, crop=0.2, jitter=0.001, scale=0.05))
     seed: int = 0
     threads: int = 1
     device: str = "auto"

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from pec import PEC
+from pec.fused import FusedPEC
 
 
 @pytest.mark.parametrize(
@@ -46,3 +47,17 @@ def test_order_of_the_points_matters():
     torch.manual_seed(0)
     model, points = PEC().eval(), torch.randn(1, 64, 3)
     assert not torch.allclose(model(points), model(points.flip(1)))
+
+
+@pytest.mark.parametrize(("n_points", "n_classes", "batch"), [(64, 5, 1), (64, 10, 4), (128, 3, 2)])
+def test_fused_network_is_the_same_function(n_points, n_classes, batch):
+    torch.manual_seed(0)
+    model = PEC(n_points, n_classes)
+    model(torch.randn(50, n_points, 3) * 2 + 1)  # batch norm gets statistics other than 0 and 1
+    points = torch.randn(batch, n_points, 3)
+    with torch.no_grad():
+        assert torch.allclose(FusedPEC(model.eval())(points), model(points), atol=1e-6)
+        for layer in model.head:
+            if isinstance(layer, torch.nn.Linear):
+                layer.weight *= 3  # untrained, the network hardly looks at its input: make it
+        assert torch.allclose(FusedPEC(model)(points), model(points), atol=1e-5)

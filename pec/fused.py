@@ -1,0 +1,80 @@
+"""PEC for prediction: the same function in eleven matrix products, several times faster on a CPU than its layers.
+
+Batch norm is folded into the convolutions, a dense layer that no activation parts from its successor becomes part of
+it, and each convolution over the three coordinates is one product of gathered rows.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch.nn import functional
+
+from pec.network import PEC
+
+__all__ = ["FusedPEC"]
+
+_NORM_EPSILON = 1e-5  # torch's default, which PEC keeps
+
+
+class FusedPEC:
+    """Callable like the `PEC` it is made of: (B, n_points, 3) → (B, n_classes) logits; on the CPU, no gradients."""
+
+    def __init__(self, model: PEC) -> None:
+        state = {name: tensor.detach().cpu() for name, tensor in model.state_dict().items()}
+        self._encoder = [_folded_convolution(state, f"encoder.{i}", f"encoder.{i + 1}") for i in (0, 3, 6)]
+        self._bottleneck = _dense(state, "encoder.10", length=3)
+        # Dense, then a transposed convolution of a signal of length 1, with no activation between: one dense layer.
+        weight, bias = state["decoder.2.weight"], state["decoder.2.bias"]
+        expand = weight.permute(0, 2, 1).flatten(1)
+        self._expand = (
+            (state["decoder.0.weight"].T @ expand).contiguous(),
+            state["decoder.0.bias"] @ expand + bias.repeat(weight.shape[2]),
+        )
+        # Output l takes input l - 1 through tap 1 and input l through tap 0.
+        weight = state["decoder.4.weight"]
+        self._second = (torch.cat([weight[..., 1], weight[..., 0]]).contiguous(), state["decoder.4.bias"])
+        self._third = (state["decoder.6.weight"][..., 0].contiguous(), state["decoder.6.bias"])
+        self._head = [
+            (state["head.0.weight"][..., 0].T.contiguous(), state["head.0.bias"]),
+            _dense(state, "head.3", length=3),
+            _dense(state, "head.5", length=1),
+            _dense(state, "head.7", length=1),
+        ]
+
+    @torch.no_grad()
+    def __call__(self, points: torch.Tensor) -> torch.Tensor:
+        batch = len(points)
+        x = points.transpose(1, 2)  # (B, 3, channels) throughout, so that a product runs over the channels
+        for weight, bias in self._encoder:
+            padded = functional.pad(x, (0, 0, 1, 1))
+            rows = torch.cat([padded[:, :-2], padded[:, 1:-1], padded[:, 2:]], dim=2)
+            x = _product(rows.flatten(0, 1), weight, bias).relu_().unflatten(0, (batch, 3))
+        x = _product(x.flatten(1), *self._bottleneck)
+        x = _product(x, *self._expand).relu_().view(batch, 2, -1)
+        padded = functional.pad(x, (0, 0, 1, 1))
+        x = _product(torch.cat([padded[:, :-1], padded[:, 1:]], dim=2).flatten(0, 1), *self._second).relu_()
+        x = _product(x, *self._third).sigmoid_()
+        x = _product(x, *self._head[0]).relu_().view(batch, -1)
+        x = _product(x, *self._head[1]).relu_()
+        x = _product(x, *self._head[2]).relu_()
+        return _product(x, *self._head[3])
+
+
+def _product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    return torch.addmm(bias, x, weight)
+
+
+def _folded_convolution(
+    state: dict[str, torch.Tensor], convolution: str, norm: str
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(3 · in, out) weight and bias of a convolution of width 3 followed by batch norm in evaluation."""
+    scale = state[f"{norm}.weight"] / (state[f"{norm}.running_var"] + _NORM_EPSILON).sqrt()
+    weight = state[f"{convolution}.weight"] * scale[:, None, None]
+    bias = (state[f"{convolution}.bias"] - state[f"{norm}.running_mean"]) * scale + state[f"{norm}.bias"]
+    return weight.permute(2, 1, 0).flatten(0, 1).contiguous(), bias
+
+
+def _dense(state: dict[str, torch.Tensor], name: str, length: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """(in, out) weight and bias of a dense layer, for inputs flattened with the channels last instead of first."""
+    weight = state[f"{name}.weight"].unflatten(1, (-1, length)).transpose(1, 2).flatten(1)
+    return weight.T.contiguous(), state[f"{name}.bias"]

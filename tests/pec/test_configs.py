@@ -1,0 +1,48 @@
+"""Every group of conf/ that trains composes to settings that training accepts."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from pec.config import TrainConfig, read_config
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def _names(group: str) -> list[str]:
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+def _config(*overrides: str) -> TrainConfig:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", ["dataset.path=somewhere", "name=a", *overrides])
+    settings = OmegaConf.to_container(cfg, resolve=True)
+    del settings["name"]
+    return read_config(settings)
+
+
+@pytest.mark.parametrize("group", ["dataset", "preprocess", "model", "protocol", "augment"])
+def test_every_choice_is_accepted(group):
+    assert _names(group)
+    for name in _names(group):
+        _config(f"{group}={name}")
+
+
+def test_published_settings_are_the_published_ones():
+    config = _config("preprocess=published_g8", "protocol=published", "augment=none")
+    assert (config.preprocess.ordering, config.preprocess.group_size, config.preprocess.n_points) == ("groups", 8, 64)
+    assert (config.preprocess.start, config.preprocess.pose, config.preprocess.n_candidates) == ("random", "given", 64)
+    protocol = config.protocol
+    assert (protocol.epochs, protocol.learning_rate, protocol.batch_size) == (150, 0.01, None)
+    assert (protocol.schedule, protocol.weight_decay, protocol.label_smoothing) == ("constant", 0, 0)
+    assert protocol.selection == "evaluation split"
+    assert config.augment.is_identity
+    assert _config("preprocess=none").preprocess.ordering == "none"
+
+
+def test_command_line_defaults_are_the_library_defaults():
+    from_files = _config()
+    from_code = read_config({"dataset": {"path": "somewhere"}, "output": from_files.output})
+    assert from_files.decisive() == from_code.decisive()
