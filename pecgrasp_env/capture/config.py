@@ -51,7 +51,7 @@ class TabletopConfig:
     """Largest angle between the optical axis and the vertical, radians."""
     cut: tuple[float, float] = (0.003, 0.008)
     """Points up to this height above the table are lost with it, metres, smallest and largest."""
-    drops: int = 64
+    drops: int = 32
     """Falls of an instance, from which its resting poses are drawn."""
 
     def __post_init__(self) -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
 from pec.errors import DatasetError
 from pec.shards import read_manifest, read_shard, write_manifest
@@ -20,7 +22,7 @@ from pecgrasp_env.capture.free import FreeScenario, random_pose
 from pecgrasp_env.capture.samples import draw_sample, sample_seed
 from pecgrasp_env.capture.studio import DepthStudio
 from pecgrasp_env.capture.tabletop import TabletopScenario, camera_above_table, resting_poses, table_depth
-from pecgrasp_env.objects import LARS_CLASSES, ObjectError, ObjectModel, Part, make_object
+from pecgrasp_env.objects import CLASSES, LARS_CLASSES, ObjectError, ObjectModel, Part, make_object
 from pecgrasp_env.sensor import D435, D435Noise, SensorError, deproject
 
 ROOT = Path(__file__).parents[2]
@@ -432,6 +434,20 @@ def test_the_default_is_the_lars_set():
     assert config.samples_per_instance == 1000
     assert config.objects == ObjectsConfig()
     assert len(LARS_CLASSES) == 5
+
+
+@pytest.mark.parametrize(
+    "overrides", [[], ["objects=catalogue"], ["sensor=d435"], ["scenario=tabletop", "sensor=d435"]]
+)
+def test_the_configurations_that_are_shipped_say_what_the_code_defaults_to(overrides):
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        settings = compose("generate", ["out=unused", *overrides])
+    config = CaptureConfig.from_settings(OmegaConf.to_container(settings, resolve=True))
+    classes = CLASSES if "objects=catalogue" in overrides else None
+    objects = ObjectsConfig(classes=classes, instances_per_class=10 if classes else None)
+    scenario = "tabletop" if "scenario=tabletop" in overrides else "free"
+    sensor = "d435" if "sensor=d435" in overrides else "ideal"
+    assert config == CaptureConfig(objects=objects, scenario=scenario, sensor=sensor, resolution="848x480")
 
 
 @pytest.mark.parametrize(
