@@ -1,7 +1,40 @@
 """Objects to grasp: a procedural catalogue, and folders of one's own meshes."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
 from pecgrasp_env.objects.catalogue import CLASSES, LARS_CLASSES, Catalogue, make_object
 from pecgrasp_env.objects.errors import ObjectError
+from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.model import ObjectModel, Part
 
-__all__ = ["CLASSES", "LARS_CLASSES", "Catalogue", "ObjectError", "ObjectModel", "Part", "make_object"]
+__all__ = [
+    "CLASSES",
+    "LARS_CLASSES",
+    "Catalogue",
+    "MeshFolder",
+    "ObjectError",
+    "ObjectModel",
+    "Part",
+    "make_object",
+    "open_objects",
+]
+
+
+def open_objects(
+    path: str | Path | None = None,
+    classes: Sequence[str] | None = None,
+    instances_per_class: int = 10,
+    seed: int = 0,
+    scale: float = 1.0,
+) -> Catalogue | MeshFolder:
+    """The mesh folder at `path`, or without one the procedural catalogue; `classes` narrows either down.
+
+    instances_per_class and seed concern the catalogue, scale (metres in one unit of the files) the folder.
+    Raises ObjectError as Catalogue and MeshFolder do.
+    """
+    if path is not None:
+        return MeshFolder(path, scale=scale, classes=classes)
+    return Catalogue(CLASSES if classes is None else classes, instances_per_class, seed)

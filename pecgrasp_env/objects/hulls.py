@@ -64,7 +64,7 @@ def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
 
 def _flat_faces(hull: ConvexHull) -> int:
     """Number of faces when triangles in one plane count as one."""
-    return len(np.unique(np.round(hull.equations / [1, 1, 1, 10], 3), axis=0))
+    return len(np.unique(np.round(hull.equations[:, :3], 3), axis=0))
 
 
 def left_outside(points: np.ndarray, kept: np.ndarray) -> float:

@@ -55,7 +55,7 @@ def stapler(rng: np.random.Generator) -> Draft:
     pieces.append((nose.moved(hinge_x, 0, hinge_z), STEEL))
     if rng.random() < 0.5:  # a rubber pad for the thumb
         pad = tube(
-            path[14:22] + np.array([0, 0, 0.5 * tall[16] - 1.9]), 0.6 * arm_width, 4.0, exponent=4, round_ends=4
+            path[14:22] + np.array([0, 0, 0.5 * tall[16] - 1.5]), 0.6 * arm_width, 4.0, exponent=4, round_ends=4
         ).without_hulls()
         pieces.append((pad.rotated("y", -lid).moved(hinge_x, 0, hinge_z), CHARCOAL))
     return pieces, rng.uniform(0.16, 0.32)
