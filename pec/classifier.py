@@ -14,6 +14,7 @@ from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.errors import CheckpointError, CloudError
 from pec.evaluation import predict_log_probabilities
 from pec.fused import FusedPEC
+from pec.threads import torch_threads
 
 __all__ = ["Classifier", "Prediction"]
 
@@ -90,7 +91,8 @@ class Classifier:
             candidates[index, : len(sample)] = torch.from_numpy(sample)
             valid[index, : len(sample)] = True
         checkpoint = self._checkpoint
-        log_probabilities = predict_log_probabilities(self._model, checkpoint.preprocess, candidates, valid)
+        with torch_threads(1):
+            log_probabilities = predict_log_probabilities(self._model, checkpoint.preprocess, candidates, valid)
         predictions = []
         for row in (log_probabilities / checkpoint.temperature).softmax(dim=1).tolist():
             best = max(range(len(row)), key=row.__getitem__)

@@ -28,6 +28,7 @@ from pec.errors import ConfigError, DatasetError
 from pec.evaluation import fit_temperature, predict_log_probabilities, score
 from pec.network import PEC
 from pec.prepared import PreparedClouds, prepare
+from pec.threads import torch_threads
 from pec.tracking import Tracker
 
 __all__ = ["train"]
@@ -45,8 +46,14 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     finished = _finished(output, config)
     if finished is not None:
         return finished
-    torch.set_num_threads(config.threads)
     torch.set_flush_denormal(True)  # weights that decay towards zero otherwise slow a CPU down many times
+    with torch_threads(config.threads):
+        results = _train(config)
+    _write_json(output / "results.json", results)
+    return results
+
+
+def _train(config: TrainConfig) -> dict[str, Any]:
     device = _device(config.device)
     dataset = load_dataset(
         config.dataset.path,
@@ -66,10 +73,8 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     training, selection, test = (prepared.subset(part).to(device) for part in parts)
     run = _Run(config, dataset.classes, device)
     run.fit(training, selection)
-    results = run.results(selection, test)
-    results["n_samples"] = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
-    _write_json(output / "results.json", results)
-    return results
+    counts = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
+    return {**run.results(selection, test), "n_samples": counts}
 
 
 def split(

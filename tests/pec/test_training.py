@@ -18,6 +18,7 @@ from pec.checkpoint import read_training_state
 from pec.clouds import load_dataset
 from pec.config import read_config
 from pec.errors import ConfigError, DatasetError
+from pec.threads import torch_threads
 from pec.training import split, train
 
 
@@ -154,5 +155,9 @@ def test_bad_setting_is_named_with_its_value(change, message):
         read_config({"dataset": {"path": "x"}, "output": "y"} | change)
 
 
-def test_flushing_denormals_is_on_while_training(run):
+def test_training_flushes_denormals_and_leaves_the_threads_as_they_were(run):
     assert (torch.tensor(1e-40) * 1.0).item() == 0.0
+    before = torch.get_num_threads()
+    with torch_threads(before + 1):
+        assert torch.get_num_threads() == before + 1
+    assert torch.get_num_threads() == before
