@@ -12,7 +12,8 @@ from grasping.profiles import Holds
 FloatArray = NDArray[np.float64]
 
 CONTOUR_ROWS = 5  # parts of a pad's width over which each contour is drawn
-TOUCHING = 0.005  # m: pads are soft and clouds are noisy, a contour this near the outermost part helps to hold
+TOUCHING = 0.006  # m: a contour farther behind the outermost part does not help to hold
+ROUGHNESS = 0.002  # m: pads are soft and clouds are noisy, a contour this near to it helps in full
 CONTACT_BAND = 0.004  # m behind the outermost points: how high the surface is there says how steep it is
 BESIDE = 0.003  # m on either side of a finger that must be free as well
 SEARCH = 0.006  # m beyond the coarse extent in which the object's outermost points are looked for
@@ -136,7 +137,7 @@ def _slopes(contour: FloatArray, pad_width: float) -> FloatArray:
 
 def _support(behind: FloatArray) -> FloatArray:
     """Share (M,) of the pad that touches, from how far each row of the contour lies behind the outermost point."""
-    return np.clip(1.0 - behind / TOUCHING, 0.0, 1.0).mean(axis=1)
+    return np.clip((TOUCHING - behind) / (TOUCHING - ROUGHNESS), 0.0, 1.0).mean(axis=1)
 
 
 def _gap(

@@ -35,9 +35,9 @@ FloatArray = NDArray[np.float64]
 
 # Weights of the terms, each in [0, 1]; a score is their weighted mean.
 WEIGHTS = {
-    "contact": 0.20,  # share of the pads' width that touches: one minus the contour's lateral curvature
-    "angle": 0.20,  # how far within the friction cone the contacts are
-    "overlap": 0.20,  # how deep the pads reach beside the surface that they touch
+    "contact": 0.18,  # share of the pads' width that touches: one minus the contour's lateral curvature
+    "angle": 0.17,  # how far within the friction cone the contacts are
+    "overlap": 0.25,  # how deep the pads reach beside the surface that they touch
     "centre": 0.20,  # nearness to the centre of mass
     "room": 0.10,  # free space for the fingers beyond what they need
     "narrow": 0.05,  # across the narrow side
@@ -46,6 +46,7 @@ WEIGHTS = {
 REFINED = 8  # holds of the coarse scan that are looked at closely
 ALIKE_PLACE, ALIKE_HEADING = 0.012, math.radians(20)  # holds nearer than this are one
 LEAST_OVERLAP = 0.004  # m
+PARALLEL = math.radians(5)  # a contact turned by less than this against the pad is as good as parallel
 LEAST_CONTACT = 0.3  # share of a pad's width
 MOST_CLEARANCE = 0.015  # m beside each pad on the way in, where there is room
 FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
@@ -161,7 +162,7 @@ class CurvaturePlanner:
         if deepest_top <= lowest:
             high, clear = (top - view.floor) * 1e3, self.tip_clearance * 1e3
             return [], None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"
-        count = min(MOST_DEPTHS, 1 + math.ceil((deepest_top - lowest) / DEPTH_STEP))
+        count = min(MOST_DEPTHS, 1 + math.floor((deepest_top - lowest) / DEPTH_STEP))
         tips = np.linspace(lowest, deepest_top, count, endpoint=False)
         found = scan(
             view.xy,
@@ -209,7 +210,11 @@ class CurvaturePlanner:
             if not problem
         ]
         refused = Counter(problem for problem in problems if problem)
-        reason = "none of the best places holds: " + "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
+        reason = f"none of the {len(problems)} best places holds: "
+        reason += "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
+        if found.too_wide:
+            wide, most = found.narrowest * 1e3, self._greatest_width * 1e3
+            reason += f"; elsewhere the object is at least {wide:.0f} mm wide and the gripper takes {most:.0f} mm"
         return kept, holds, reason
 
     def _problems(self, contacts: Contacts) -> list[str]:
@@ -254,12 +259,13 @@ class CurvaturePlanner:
 
     def _terms(self, contacts: Contacts, view: View, whole: NDArray[np.bool_]) -> dict[str, FloatArray]:
         """Terms of the score and measures for the policy, as in the class's docstring; each (M,)."""
+        limit = math.atan(self.friction)
         distance = np.hypot(contacts.x - view.centre[0], contacts.y - view.centre[1])
         spare = (contacts.gap - self._finger_room) / (self._wished_room - self._finger_room)
         clear = np.clip(contacts.gap - self.gripper.finger_thickness, 0.0, MOST_CLEARANCE)
         return {
             "contact": contacts.contact,
-            "angle": np.clip(1.0 - contacts.angle / math.atan(self.friction), 0.0, 1.0),
+            "angle": np.clip((limit - contacts.angle) / (limit - min(PARALLEL, 0.5 * limit)), 0.0, 1.0),
             "overlap": _overlap_term(contacts.overlap),
             "centre": np.clip(1.0 - distance / FAR_FROM_CENTRE, 0.0, 1.0),
             "room": np.clip(spare, 0.0, 1.0),

@@ -7,6 +7,7 @@ value. `CurvaturePlanner` is the planner for a real arm; this one is what it is 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,7 +112,7 @@ class PublishedPlanner:
         primitives = [region.primitive for region in by_curvature]
         if all_alike(primitives, [region.width for region in by_curvature], self.similar_length):
             grasp = self._grasp(cloud, axes, scene, "primitive", None, {})
-            width = max(region.width for region in regions)
+            width = max(grasp.width, *(region.width for region in regions))
             reason = (
                 f"the object is one {primitives[0]}, {width * 1e3:.0f} mm wide; the gripper opens {self._stroke_mm} mm"
             )
@@ -122,13 +123,27 @@ class PublishedPlanner:
             if region.verdict == "candidate":
                 own = _aligned(region.points, axes)
                 terms = {"curvature": region.curvature, "length": region.width}
-                candidates.append(self._grasp(region.points, own, scene, "region", index, terms))
-        verdicts = sorted({region.verdict for region in regions})
-        return plan_from(candidates, regions, f"none of {len(regions)} regions fits: " + "; ".join(verdicts))
+                grasp = self._grasp(region.points, own, scene, "region", index, terms)
+                if grasp.width <= self.gripper.stroke:
+                    candidates.append(grasp)
+                else:
+                    wide = f"too wide across its own axes: {grasp.width * 1e3:.0f} mm"
+                    regions[index] = replace(region, verdict=wide)
+        return plan_from(candidates, regions, self._no_region(regions))
 
     @property
     def _stroke_mm(self) -> str:
         return f"{self.gripper.stroke * 1e3:.0f}"
+
+    def _no_region(self, regions: list[RegionReport]) -> str:
+        """A sentence on why none of the regions is a candidate."""
+        widths = [region.width for region in regions if region.verdict.startswith("too wide")]
+        parts = []
+        if widths:
+            parts.append(f"{len(widths)} are wider than the stroke of {self._stroke_mm} mm")
+        if len(widths) < len(regions):
+            parts.append(f"{len(regions) - len(widths)} have a lateral curvature of {self.curvature_floor:g} or less")
+        return f"none of {len(regions)} regions can be held: " + ", and ".join(parts)
 
     def _regions(self, cloud: FloatArray, local: FloatArray) -> list[RegionReport]:
         """The slabs along the object's long axis and, where a slab falls apart, its clusters too."""

@@ -61,11 +61,10 @@ def views_from_above(
     # Points under the table are noise of the table.
     height = np.maximum(cloud @ up - table_height, 0.0)
     flat = cloud @ level
-    short = level @ principal_axes(flat[highest_in_cells(flat, height, CELL)])[:, 1]
+    short = level @ _even_axes(flat, height)[:, 1]
     axes = np.column_stack([short, np.cross(up, short), up])
-    near = _near(cloud, obstacles)
     thinned = _thin(cloud, axes, n_points)
-    straight = _view(thinned, near, axes, table_height, 0.0)
+    straight = _view(thinned, obstacles, axes, table_height, 0.0)
     yield straight
     if max_tilt <= 0.0:
         return
@@ -74,13 +73,12 @@ def views_from_above(
     for angle in (0.5 * max_tilt, max_tilt):
         for about, sign in ((1, 1.0), (1, -1.0), (0, 1.0), (0, -1.0)):
             turned = axes @ _rotation(about, sign * angle)
-            yield _view(solid, np.vstack([near, table_points]), turned, None, angle)
+            yield _view(solid, np.vstack([obstacles, table_points]), turned, None, angle)
 
 
 def views_without_table(cloud: FloatArray, obstacles: FloatArray, n_points: int) -> Iterator[View]:
     """Approaches along the cloud's own third and second axis, each first from the side to which the cloud bulges."""
     axes = object_axes(cloud)
-    near = _near(cloud, obstacles)
     for third in (2, 0):
         against = axes[:, third]
         depth = (cloud - cloud.mean(axis=0)) @ against
@@ -89,7 +87,17 @@ def views_without_table(cloud: FloatArray, obstacles: FloatArray, n_points: int)
         for way in (against, -against):
             short = axes[:, 2 - third]
             frame = np.column_stack([short, np.cross(way, short), way])
-            yield _view(_thin(cloud, frame, n_points), near, frame, None, 0.0)
+            yield _view(_thin(cloud, frame, n_points), obstacles, frame, None, 0.0)
+
+
+def _even_axes(flat: FloatArray, height: FloatArray) -> FloatArray:
+    """Principal axes (2, 2) of a footprint each of whose cells counts once, however densely it was seen.
+
+    The cells lie along the axes of the points themselves, so that the result turns with the object.
+    """
+    axes = principal_axes(flat)
+    own = flat @ axes
+    return axes @ principal_axes(own[highest_in_cells(own, height, CELL)])
 
 
 def highest_in_cells(xy: FloatArray, height: FloatArray, cell: float) -> NDArray[np.int64]:
@@ -133,6 +141,8 @@ def _view(
     middle[2] = lowest if table_height is None else table_height
     local = local - middle
     others = obstacles @ axes - middle
+    # Only seen along the approach is a neighbour out of reach: however high it is, a hand could hit it.
+    others = others[(np.abs(others[:, :2]) <= np.abs(local[:, :2]).max(axis=0) + REACHED).all(axis=1)]
     if len(others):
         others = others[highest_in_cells(others[:, :2], others[:, 2], OBSTACLE_CELL)]
     height = local[:, 2] if table_height is None else np.maximum(local[:, 2], 0.0)
@@ -141,14 +151,6 @@ def _view(
     weight = np.maximum(height[cells], 0.003)
     centre = (weight[:, None] * local[cells, :2]).sum(axis=0) / weight.sum()
     return View(axes @ middle, axes, local[:, :2], height, others[:, :2], others[:, 2], 0.0, centre, tilt)
-
-
-def _near(cloud: FloatArray, obstacles: FloatArray) -> FloatArray:
-    """Those obstacles that are within reach of a hand at the object."""
-    if not len(obstacles):
-        return obstacles
-    low, high = cloud.min(axis=0) - REACHED, cloud.max(axis=0) + REACHED
-    return obstacles[((obstacles >= low) & (obstacles <= high)).all(axis=1)]
 
 
 def _columns(cloud: FloatArray, height: FloatArray, up: FloatArray) -> FloatArray:
