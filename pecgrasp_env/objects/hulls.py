@@ -48,6 +48,7 @@ def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
     along = corners @ axes.T
     chosen = list(dict.fromkeys(np.concatenate([along.argmax(axis=0), along.argmin(axis=0)]).tolist()))
     hull = convex_hull(corners[chosen])
+    batch = 8
     while True:
         # The furthest point of each facet's outside set: several at once save most of the hulls.
         heights = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
@@ -55,9 +56,15 @@ def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
         order = np.argsort(-outside, kind="stable")
         order = order[outside[order] > tolerance]
         _, first = np.unique(facet[order], return_index=True)
-        new = [int(i) for i in order[np.sort(first)][:4] if i not in chosen]
-        finer = convex_hull(corners[chosen + new]) if new else hull
-        if not new or len(chosen + new) > MAX_HULL_VERTICES or _flat_faces(finer) > MAX_HULL_FACES:
+        worst = [int(i) for i in order[np.sort(first)] if i not in chosen]
+        finer = None
+        while worst and batch:
+            new = worst[: min(batch, MAX_HULL_VERTICES - len(chosen))]
+            finer = convex_hull(corners[chosen + new]) if new else None
+            if finer is None or _flat_faces(finer) <= MAX_HULL_FACES:
+                break
+            finer, batch = None, batch // 2  # one face too many: add fewer
+        if finer is None:
             return hull.points[np.unique(hull.vertices)]
         chosen, hull = chosen + new, finer
 
@@ -83,21 +90,26 @@ def group_sections(sections: np.ndarray, tolerance: float) -> list[np.ndarray]:
     start = 0
     last = len(sections) - 1
     while start < last:
-        end = start + 1
-        while end < last:
-            run = sections[start : end + 2]
-            if depth_below(run[1:-1].reshape(-1, 3), convex_hull(run.reshape(-1, 3))).max() > tolerance:
-                break
-            end += 1
-        while True:
-            points = sections[start : end + 1].reshape(-1, 3)
-            kept = simplify_hull(points)
-            if end == start + 1 or left_outside(points, kept) <= SKIPPED:
-                break
-            end = start + max(1, (end - start) * 2 // 3)
+        end, step = start + 1, 1
+        kept = simplify_hull(sections[start : end + 1].reshape(-1, 3))
+        while step and end < last:  # gallop: double the stride while it fits, halve it where it does not
+            further = min(end + step, last)
+            longer = _fitting_hull(sections[start : further + 1], tolerance)
+            if longer is None:
+                step //= 2
+            else:
+                end, kept, step = further, longer, 2 * step
         hulls.append(kept)
         start = end
     return hulls
+
+
+def _fitting_hull(run: np.ndarray, tolerance: float) -> np.ndarray | None:
+    points = run.reshape(-1, 3)
+    if depth_below(run[1:-1].reshape(-1, 3), convex_hull(points)).max() > tolerance:
+        return None
+    kept = simplify_hull(points)
+    return kept if left_outside(points, kept) <= SKIPPED else None
 
 
 def carve(

@@ -61,6 +61,7 @@ class MeshFolder:
                 raise ObjectError(f"unknown object class {name!r}; {self.path} has {', '.join(folders)}")
         self.classes = tuple(classes) if classes else tuple(folders)
         self._files = {name: _meshes_in(folders[name]) for name in self.classes}
+        self._loaded: dict[Path, ObjectModel] = {}
 
     def names(self, class_name: str) -> list[str]:
         """The names of the class's instances, in order."""
@@ -75,7 +76,10 @@ class MeshFolder:
         files = self._of(class_name)
         if not 0 <= i < len(files):
             raise ObjectError(f"{class_name} has instances 0 to {len(files) - 1}, asked for {i}")
-        return _load(files[i], class_name, self.scale)
+        file = files[i]
+        if file not in self._loaded:
+            self._loaded[file] = _load(file, class_name, self.scale)
+        return self._loaded[file]
 
     def _of(self, class_name: str) -> list[Path]:
         if class_name not in self._files:

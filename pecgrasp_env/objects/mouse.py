@@ -76,7 +76,7 @@ def mouse(rng: np.random.Generator) -> Draft:
         for x0 in (-4.0, 12.0):
             edge = float(half_width(np.array((x0 / length) + 0.5)))
             button = extrude(superellipse(6.8, 2.6, 3), 3.2, 0.8).without_hulls().rotated("x", -90)
-            pieces.append((button.moved(x0, edge * 0.96 - 2.6, BASE + 0.52 * height * 0.6), seam))
+            pieces.append((button.moved(x0, edge * 0.96 - 2.0, BASE + 0.52 * height * 0.6), seam))
     return pieces, rng.uniform(0.075, 0.125)
 
 
