@@ -1,6 +1,7 @@
 """Classify one cloud: `python scripts/classify.py cloud=FILE checkpoint=DIR`."""
 
 import json
+import sys
 from pathlib import Path
 
 import hydra
@@ -8,11 +9,15 @@ from omegaconf import DictConfig
 
 from pec.classifier import Classifier
 from pec.cloud_files import read_cloud
+from pec.errors import CheckpointError, CloudError
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="classify")
 def main(cfg: DictConfig) -> None:
-    prediction = Classifier.load(cfg.checkpoint).predict(read_cloud(cfg.cloud))
+    try:
+        prediction = Classifier.load(cfg.checkpoint).predict(read_cloud(cfg.cloud))
+    except (CheckpointError, CloudError, FileNotFoundError) as error:
+        sys.exit(f"classify: {error}")
     for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
         print(f"{label:20}{100 * probability:7.2f} %")
     results = {

@@ -1,16 +1,25 @@
 """Train a classifier: `python scripts/train.py dataset.path=DIR`; settings and their meaning in conf/train.yaml."""
 
+import sys
+
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
+from pec.errors import CheckpointError, ConfigError, DatasetError
 from pec.training import train
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="train")
 def main(cfg: DictConfig) -> float:
     settings = OmegaConf.to_container(cfg, resolve=True)
-    del settings["name"]
-    results = train(settings)
+    del settings["name"]  # only names the output folder
+    try:
+        results = train(settings)
+    except (CheckpointError, ConfigError, DatasetError) as error:
+        sys.exit(f"train: {error}")
+    except KeyboardInterrupt:
+        print(f"stopped; all finished epochs lie in {cfg.output}, and the same command goes on", file=sys.stderr)
+        sys.exit(130)
     print(f"{results['protocol']}; seed {results['seed']}, {results['training_s']:.0f} s")
     print(f"{'':6}{'epoch':>6}{'selection %':>13}{'test %':>9}{'calibration error %':>21}")
     for name in ("best", "last"):
