@@ -5,25 +5,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 CELLS_A_GAP = 5
 REACH = 2  # cells by which a footprint grows before footprints that touch are joined
+AREA_CELL = 0.02  # m, in which a surface's area is counted
 NEIGHBOURS = 3.5  # points that a cell and the eight around it must hold, else they are noise
 
 
-def label_footprints(flat: FloatArray, gap: float) -> tuple[IntArray, int]:
+def label_footprints(flat: FloatArray, gap: float, pitch: float) -> tuple[IntArray, int]:
     """Label (N,) of the footprint that each point (N, 2) of the plane belongs to, −1 if isolated; number of footprints.
 
     Two things are surely told apart where 1.2 gaps lie between them, and what is less than 0.8 gaps apart stays one. A
-    cloud whose points are more than a seventh of the gap apart is cut into larger cells and told apart less finely.
+    cloud whose points lie farther apart than a fifth of the gap, `pitch` (m), is told apart less finely.
     """
     if not len(flat):
         return np.empty(0, dtype=np.int64), 0
-    cell = max(gap / CELLS_A_GAP, 1.3 * _spacing(flat))
+    cell = max(gap / CELLS_A_GAP, pitch)
     index = ((flat - flat.min(axis=0)) / cell).astype(np.int64) + REACH + 1
     rows, columns = (int(size) for size in index.max(axis=0) + REACH + 2)
     key = index[:, 0] * columns + index[:, 1]
@@ -47,8 +48,7 @@ def convex_outline(flat: FloatArray) -> FloatArray | None:
         return None
 
 
-def _spacing(flat: FloatArray) -> float:
-    """Median distance (m) of 64 of the points to the nearest other one."""
-    nearest, _ = cKDTree(flat).query(flat[:: max(1, len(flat) // 64)], k=2)
-    finite = nearest[:, 1][np.isfinite(nearest[:, 1])]
-    return float(np.median(finite)) if len(finite) else 0.0
+def spacing(flat: FloatArray, count: int) -> float:
+    """Mean distance (m) between the points of a surface, from a sample (S, 2) of its `count` points."""
+    cells = np.unique(np.floor(flat / AREA_CELL).astype(np.int64) @ [1_000_003, 1])
+    return AREA_CELL * float(np.sqrt(len(cells) / count))

@@ -13,7 +13,7 @@ from grasping.errors import CloudError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SAME_SURFACE = 0.03  # of its own distance: within this a neighbouring pixel sees the same surface
+SAME_SURFACE = 0.02  # m: within this a neighbouring pixel sees the same surface
 GRIPPER_CONTACT = 0.01  # m
 
 
@@ -63,13 +63,12 @@ class Frame:
         if not len(self.valid):
             raise CloudError(f"cloud: none of {len(self.points)} points is valid and {near:g} to {far:g} m away")
         self.inside = self.points[self.valid].astype(np.float64)
-        self._distance = np.sqrt(squared[self.valid].astype(np.float64))
 
     def without_flying(self, chosen: IntArray) -> IntArray:
         """Those of the chosen points that do not hang in the air; all of them where the cloud is not organised."""
         if self.shape is None:
             return chosen
-        return chosen[~flying_pixels(self._distance, self.valid, chosen, self.shape)]
+        return chosen[~flying_pixels(self.inside, self.valid, chosen, self.shape)]
 
     def scene(
         self,
@@ -108,24 +107,24 @@ def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
     return points.reshape(-1, 3), shape
 
 
-def flying_pixels(distance: FloatArray, valid: IntArray, chosen: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def flying_pixels(inside: FloatArray, valid: IntArray, chosen: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Which of the chosen points hang between two surfaces, as stereo and time of flight put them on edges.
 
-    Such a pixel has fewer than two of its eight neighbours at its own distance. distance (V,) from the camera of the
-    valid pixels, whose flat indices are `valid` (V,); chosen (C,) indexes those. Returns (C,).
+    Fewer than two of such a pixel's eight neighbours are on the same surface. inside (V, 3): the valid points, whose
+    flat indices in the frame are `valid` (V,); chosen (C,) indexes those. Returns (C,). Needs no camera: any frame will do.
     """
     rows, columns = shape
-    interior = np.full(rows * columns, np.inf)
-    interior[valid] = distance
-    image = np.full((rows + 2, columns + 2), np.inf)
-    image[1:-1, 1:-1] = interior.reshape(rows, columns)
-    flat, stride = image.reshape(-1), columns + 2
-    y, x = np.divmod(valid[chosen], columns)
-    place = (y + 1) * stride + x + 1
-    own = distance[chosen]
+    stride = columns + 2
+    place = np.full((rows + 2) * stride, -1, dtype=np.int32)
+    y, x = np.divmod(valid, columns)
+    at = (y + 1) * stride + x + 1
+    place[at] = np.arange(len(valid), dtype=np.int32)
+    at, own = at[chosen], inside[chosen]
     close = np.zeros(len(chosen), dtype=np.int8)
     for step in (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1):
-        close += np.abs(flat[place + step] - own) < SAME_SURFACE * own
+        neighbour = place[at + step]
+        difference = inside[neighbour] - own
+        close += (np.einsum("ij,ij->i", difference, difference) < SAME_SURFACE**2) & (neighbour >= 0)
     return close < 2
 
 

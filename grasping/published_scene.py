@@ -33,7 +33,7 @@ class PublishedSegmenter:
         std: float = 1.0,
         eps: float = 0.05,
         min_points: int = 40,
-        depth_range: tuple[float, float] = (0.1, 2.0),
+        depth_range: tuple[float, float] = (0.0, 2.0),
         seed: int = 0,
     ) -> None:
         for name, value in (("plane_distance", plane_distance), ("mean_k", mean_k), ("std", std), ("eps", eps)):

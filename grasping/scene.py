@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping.clouds import FARTHEST, as_cloud, unit_vector
 from grasping.errors import ConfigError
-from grasping.footprints import convex_outline, label_footprints
+from grasping.footprints import convex_outline, label_footprints, spacing
 from grasping.frames import Frame, Rejected, Scene
 from grasping.plane import basis, find_table
 from grasping.published_scene import PublishedSegmenter
@@ -40,7 +40,7 @@ class Segmenter:
     def __init__(
         self,
         *,
-        depth_range: tuple[float, float] = (0.1, 2.0),
+        depth_range: tuple[float, float] = (0.0, 2.0),
         plane_distance: float = 0.01,
         plane_band: tuple[float, float] = (0.003, 0.010),
         gap: float = 0.015,
@@ -103,9 +103,10 @@ class Segmenter:
             rejected.append(Rejected("points", "in the air at an edge", len(above) - len(chosen)))
         level = basis(plane.equation[:3])
         flat = frame.inside[chosen] @ level
-        labels, _ = label_footprints(flat, self.gap)
         table = np.flatnonzero(np.abs(height) <= plane.band)
-        outline = convex_outline(frame.inside[table[:: max(1, len(table) // 1000)]] @ level)
+        sample = frame.inside[table[:: max(1, len(table) // 5000)]] @ level
+        labels, _ = label_footprints(flat, self.gap, spacing(sample, len(table)))
+        outline = convex_outline(sample)
         on_table = None if outline is None else (flat, outline)
         clusters = self._sort(frame.inside, chosen, labels, height, on_table, rejected)
         return frame.scene(plane.equation, *clusters, hand, rejected)
