@@ -93,7 +93,8 @@ class UR5Robotiq2F140(BaseAgent):
 
     def _after_loading_articulation(self) -> None:
         links = self.robot.links_map
-        for name in FINGER_LINKS:
+        # Each lock is there twice: the solver then works on it twice in every iteration, which a hard knock needs.
+        for name in (*FINGER_LINKS, *FINGER_LINKS):
             lock = self.scene.create_drive(links["gripper_base"], sapien.Pose(), links[name], sapien.Pose())
             for constraint in lock._objs:  # ManiSkill's Drive does not expose the twist limit
                 constraint.set_limit_twist(0.0, 0.0)

@@ -225,7 +225,7 @@ def _camera() -> list[Part]:
         parts.append((tube(radius, -0.001, -0.0004, 0.0002).moved(_at((x, 0, 0))), SEAL))
     reach, level = -T_TOOL0_CAMERA[1, 3], -T_TOOL0_CAMERA[2, 3]  # the flange's axis and face in this frame
     arm = plate(
-        [(0, 0, 0.014), (0.022, reach - 0.012, 0.008), (-0.022, reach - 0.012, 0.008)], level + 0.0005, level + 0.0055
+        [(0, 0, 0.014), (0.022, reach - 0.030, 0.008), (-0.022, reach - 0.030, 0.008)], level + 0.0005, level + 0.0055
     )
     post = box((0.026, 0.014), level + 0.005, -0.0250, 0.003)
     return [*parts, (arm, HOUSING), (post, HOUSING)]

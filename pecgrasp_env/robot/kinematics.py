@@ -75,7 +75,7 @@ def inverse_kinematics(T_base_tool0: np.ndarray, q6_if_free: float = 0.0) -> np.
     """Every posture that puts tool0 at `T_base_tool0` (4, 4): (k, 6) joint angles in (-π, π], k ≤ 8; 0 out of reach.
 
     Postures that differ by whole turns are listed by `with_turns`. Where the wrist is singular (q5 = 0 or π: only the
-    sum or difference of q4 and q6 is determined) q6 is `q6_if_free`.
+    sum or difference of q4 and q6 is determined) q6 is `q6_if_free`, or the nearest value with which the arm reaches.
     Raises ValueError if the input is not a finite (4, 4) matrix.
     """
     T = np.asarray(T_base_tool0, dtype=float)
@@ -94,15 +94,41 @@ def inverse_kinematics(T_base_tool0: np.ndarray, q6_if_free: float = 0.0) -> np.
         normal = np.array([s1, -c1, 0.0])  # axis of joints 2, 3, 4
         across = normal @ T[:3, :3]  # the tool's axes along it: (s5 c6, -s5 s6, c5)
         sin5 = np.hypot(across[0], across[1])
+        T_16 = np.linalg.inv(_link_transform(0, q1)) @ T
         for q5 in (np.arctan2(sin5, across[2]), np.arctan2(-sin5, across[2])):
-            q6 = q6_if_free if sin5 < _WRIST_SINGULAR else np.arctan2(-across[1] / np.sin(q5), across[0] / np.sin(q5))
-            T_14 = (
-                np.linalg.inv(_link_transform(0, q1))
-                @ T
-                @ np.linalg.inv(_link_transform(4, q5) @ _link_transform(5, q6))
-            )
-            postures += [np.array([q1, *elbow, q5, q6]) for elbow in _solve_elbow(T_14)]
+            if sin5 < _WRIST_SINGULAR:
+                q6 = _free_joint_6(T_16, q5, q6_if_free)
+            else:
+                q6 = np.arctan2(-across[1] / np.sin(q5), across[0] / np.sin(q5))
+            elbows = _solve_elbow(_before_wrist(T_16, q5, q6))
+            postures += [np.array([q1, *elbow, q5, q6]) for elbow in elbows]
     return _distinct(postures)
+
+
+def _before_wrist(T_16: np.ndarray, q5: float, q6: float) -> np.ndarray:
+    """T_14 from T_16: frame 4 is where joint 4's axis and the wrist's first body are."""
+    return T_16 @ np.linalg.inv(_link_transform(4, q5) @ _link_transform(5, q6))
+
+
+def _free_joint_6(T_16: np.ndarray, q5: float, wish: float) -> float:
+    """The q6 nearest to `wish` with which a singular wrist is within the arm's reach; `wish` where there is none.
+
+    Turning q6 carries frame 4 on a circle of radius d5, of which the arm may reach only a part.
+    """
+    if _solve_elbow(_before_wrist(T_16, q5, wish)):
+        return wish
+    # The circle's centre is the tool's axis; frame 4 lies at angle `around` on it, and `around` turns with q6.
+    centre = T_16[:2, 3]
+    distance, bearing = np.hypot(*centre), np.arctan2(centre[1], centre[0])
+    around = np.arctan2(*(_before_wrist(T_16, q5, wish)[:2, 3] - centre)[::-1])
+    turn = np.sign(np.cos(q5))
+    candidates = []
+    for reach in ((abs(_A2) + abs(_A3)) * (1 - 1e-12), abs(_A2 - _A3) * (1 + 1e-12)):
+        cosine = (reach**2 - distance**2 - _D5**2) / (2 * distance * _D5)
+        if abs(cosine) <= 1:
+            candidates += [bearing + np.arccos(cosine), bearing - np.arccos(cosine)]
+    shifts = [np.angle(np.exp(1j * (candidate - around))) for candidate in candidates]
+    return wish - turn * min(shifts, key=abs) if shifts else wish
 
 
 def _solve_elbow(T_14: np.ndarray) -> list[tuple[float, float, float]]:

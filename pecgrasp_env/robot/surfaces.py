@@ -83,7 +83,9 @@ def plate(circles: Sequence[tuple[float, float, float]], low: float, high: float
 def box(size: tuple[float, float], low: float, high: float, corner: float = 0.003) -> Surface:
     """A block of `size` (x, y) about z from `low` to `high` with rounded corners."""
     x, y = size[0] / 2 - corner, size[1] / 2 - corner
-    return plate([(x, y, corner), (-x, y, corner), (-x, -y, corner), (x, -y, corner)], low, high, min(corner, 0.002))
+    return plate(
+        [(x, y, corner), (-x, y, corner), (-x, -y, corner), (x, -y, corner)], low, high, 0.7 * min(corner, 0.003)
+    )
 
 
 def axes(z: ArrayLike, x: ArrayLike, origin: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
