@@ -90,7 +90,7 @@ const pgvViewer = (() => {
       const dimmed = grasp && grasp.layer !== null && this.data.layers[grasp.layer].group === this.group;
       for (const i of order) {
         const layer = this.data.layers[i], active = layer.group !== null && layer.group === this.group;
-        let rgb = active ? layer.rgb : muted;
+        let rgb = active ? layer.rgb : layer.rgb ? mix(layer.rgb, muted, 0.6) : muted;
         if (active && dimmed && i !== grasp.layer) rgb = mix(rgb, muted, 0.4);
         if (active && i === this.hover) rgb = mix(rgb, [255, 255, 255], 0.35);
         pgvRaster.points(this.clouds[i], rgb, i, view, layer.radius, active ? 0 : layer.radius);

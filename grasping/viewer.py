@@ -87,8 +87,12 @@ def fragment(
     extent = np.concatenate([*(subject or shapes), *drawn])
     target = (extent.min(axis=0) + extent.max(axis=0)) / 2
     radius = float(np.linalg.norm(extent - target, axis=1).max()) or 0.05
+    # What is told apart keeps its points as far as they fit; the surroundings get what is left.
+    n_subject = sum(map(len, subject))
+    share = min(1.0, 0.8 * max_points / max(1, n_subject))
+    left = max_points - round(share * n_subject)
     for entry, shape in zip(entries, shapes, strict=True):
-        shown = _thinned(shape, max(1, max_points * len(shape) // max(1, sum(map(len, shapes)))))
+        shown = _thinned(shape, left if entry["group"] is None else max(1, round(share * len(shape))))
         entry.update(_packed(shown), radius=_disc_radius(shown, radius))
     groups = list(dict.fromkeys(entry["group"] for entry in entries if entry["group"] is not None))
     data = {
@@ -246,10 +250,10 @@ def _points(points: np.ndarray, name: str) -> np.ndarray:
 
 
 def _thinned(points: np.ndarray, limit: int) -> np.ndarray:
-    """Every so many-th point. Frames are in raster order, so this keeps their pattern even."""
+    """Some of the points, drawn at random: every n-th of a frame in raster order would show stripes."""
     if len(points) <= limit:
         return points
-    return points[np.linspace(0, len(points) - 1, limit).round().astype(int)]
+    return points[np.random.default_rng(0).choice(len(points), limit, replace=False)]
 
 
 def _packed(points: np.ndarray) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,47 +17,25 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from grasping import ROBOTIQ_2F_140, GraspPlan, Gripper
+from grasping import ROBOTIQ_2F_140, Gripper
 from grasping.viewer import Layer, fragment, page
 from pecgrasp_env.charts import bars, confusion_matrix, curve, number
+from pecgrasp_env.episode_record import EpisodeRecord
+from pecgrasp_env.evaluation import wilson_interval
 
-_WORDS = {"lifted": "lifted", "wrong": "wrong object", "failed": "not lifted"}
-
-
-@dataclass(frozen=True)
-class SeenObject:
-    """One object as segmented and classified. points: (M, 3) metres, in the frame of the episode's cloud."""
-
-    points: np.ndarray
-    label: str
-    confidence: float
-    chosen: bool = False
-
-
-@dataclass(frozen=True)
-class EpisodeRecord:
-    """What the report tells of one episode.
-
-    outcome: "lifted" (the asked-for class), "wrong" (another class) or "failed". reason: why, where it is not
-    "lifted". cloud: (N, 3) metres, everything the camera saw; up: (3,) unit vector in its frame; plan: in its frame.
-    picture: (H, W, 3) uint8 or None. stages: seconds of computing a stage, one entry a call. film_second: where the
-    episode begins in the film.
-    """
-
-    number: int
-    seed: int
-    target: str
-    outcome: str
-    reason: str | None = None
-    attempts: int = 1
-    steps: int = 0
-    objects: Sequence[SeenObject] = ()
-    cloud: np.ndarray | None = None
-    up: np.ndarray | None = None
-    plan: GraspPlan | None = None
-    picture: np.ndarray | None = None
-    stages: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    film_second: float | None = None
+UP = (0.0, 0.0, 1.0)  # of the robot's base frame, in which records are
+_FIGURE_POINTS = 12_000  # 60 kB a figure
+# What each outcome is called, and its tone: well, badly (it did harm), or without success.
+OUTCOME_WORDS = {
+    "success": ("lifted", "good"),
+    "wrong_object": ("wrong object lifted", "bad"),
+    "off_table": ("pushed off the table", "bad"),
+    "dropped": ("dropped", "warn"),
+    "no_object": ("not found", "warn"),
+    "no_grasp": ("no grasp found", "warn"),
+    "missed": ("not held", "warn"),
+    "timeout": ("out of time", "warn"),
+}
 
 
 @dataclass(frozen=True)
@@ -94,16 +71,9 @@ def stage_times(episodes: Sequence[EpisodeRecord]) -> dict[str, tuple[float, flo
     """Median seconds, largest seconds and number of calls of each stage, over all episodes."""
     calls: dict[str, list[float]] = {}
     for episode in episodes:
-        for stage, seconds in episode.stages.items():
+        for stage, seconds in episode.calls.items():
             calls.setdefault(stage, []).extend(seconds)
     return {name: (float(np.median(each)), max(each), len(each)) for name, each in calls.items() if each}
-
-
-def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """The 95 % interval of a share (Wilson 1927)."""
-    centre = (successes + z * z / 2) / (trials + z * z)
-    half = z / (trials + z * z) * math.sqrt(successes * (trials - successes) / trials + z * z / 4)
-    return max(0.0, centre - half), min(1.0, centre + half)
 
 
 def write_report(path: Path, record: ReportRecord, gripper: Gripper = ROBOTIQ_2F_140) -> None:
@@ -132,13 +102,16 @@ def render(record: ReportRecord, gripper: Gripper = ROBOTIQ_2F_140) -> str:
 def _tiles(record: ReportRecord) -> str:
     n = len(record.episodes)
     tiles = []
-    for outcome, words in (("lifted", "asked-for object lifted"), ("wrong", "wrong object lifted or pushed off")):
-        count = sum(episode.outcome == outcome for episode in record.episodes)
+    for outcomes, words in (
+        (("success",), "asked-for object lifted"),
+        (("wrong_object", "off_table"), "wrong object lifted, or any pushed off"),
+    ):
+        count = sum(each.episode.outcome in outcomes for each in record.episodes)
         value = f"{count}/{n}" if n else "–"
         note = "no episode was run"
         if n:
             low, high = wilson_interval(count, n)
-            note = f"{100 * count / n:.0f} %, 95 % interval {100 * low:.0f}–{100 * high:.0f} %"
+            note = f"{100 * count / n:.0f}&nbsp;%, 95&nbsp;% interval {100 * low:.0f}–{100 * high:.0f}&nbsp;%"
         tiles.append((value, f"{words}<br>{note}"))
     if record.classifier is not None:
         total = int(record.classifier.confusion.sum())
@@ -147,7 +120,7 @@ def _tiles(record: ReportRecord) -> str:
     if times:
         seconds = sum(median for median, _, _ in times.values())
         tiles.append(
-            (f"{number(1000 * seconds)} ms", f"from frame to grasp<br>{_esc(', '.join(times))}; medians added")
+            (f"{number(1000 * seconds)} ms", f"from depth frame to motion<br>{_esc(', '.join(times))}; medians added")
         )
     if record.durations:
         parts = ", ".join(f"{name} {_clock(seconds)}" for name, seconds in record.durations.items())
@@ -156,20 +129,24 @@ def _tiles(record: ReportRecord) -> str:
     return f'<div class="tiles">{inner}</div>'
 
 
-def _strip(episodes: Sequence[EpisodeRecord]) -> str:
-    links = "".join(
-        f'<li><a class="{episode.outcome}" href="#episode-{episode.number}" '
-        f'title="{_esc(episode.target)}: {_WORDS[episode.outcome]}">{episode.number}</a></li>'
-        for episode in episodes
-    )
-    return f'<ul class="strip" aria-label="episodes">{links}</ul>' if episodes else ""
+def _strip(records: Sequence[EpisodeRecord]) -> str:
+    links = []
+    for number_, record in enumerate(records, 1):
+        words, tone = OUTCOME_WORDS[record.episode.outcome]
+        title = _esc(f"{record.episode.target}: {words}")
+        links.append(f'<li><a class="{tone}" href="#episode-{number_}" title="{title}">{number_}</a></li>')
+    return f'<ul class="strip" aria-label="episodes">{"".join(links)}</ul>' if links else ""
 
 
 def _film(record: ReportRecord) -> str:
     if record.film is None:
         return ""
     name = _esc(record.film)
-    return f'<h2>Film</h2><video controls preload="none" src="{name}"></video><p><a href="{name}">{name}</a></p>'
+    pictures = (_jpeg(each.picture) for each in record.episodes if each.picture is not None)
+    poster = next((f' poster="{data}"' for data in pictures), "")
+    return (
+        f'<h2>Film</h2><video controls preload="none"{poster} src="{name}"></video><p><a href="{name}">{name}</a></p>'
+    )
 
 
 def _classifier(record: ClassifierRecord | None) -> str:
@@ -177,7 +154,7 @@ def _classifier(record: ClassifierRecord | None) -> str:
         return ""
     charts = [
         f"<figure><figcaption>True class by row, prediction by column; training saw none of these clouds.</figcaption>"
-        f"{confusion_matrix(record.confusion, record.classes)}</figure>"
+        f"{confusion_matrix(record.confusion, [_name(each) for each in record.classes])}</figure>"
     ]
     line = curve({name: list(values) for name, values in record.curves.items()}, "accuracy over epochs")
     if line:
@@ -201,64 +178,74 @@ def _timings(record: ReportRecord) -> str:
 def _episodes(record: ReportRecord, gripper: Gripper) -> str:
     if not record.episodes:
         return "<h2>Episodes</h2><p>No episode was run.</p>"
-    return "<h2>Episodes</h2>" + "\n".join(_episode(episode, record.film, gripper) for episode in record.episodes)
+    sections = [_episode(k, each, record.film, gripper) for k, each in enumerate(record.episodes, 1)]
+    return "<h2>Episodes</h2>" + "\n".join(sections)
 
 
-def _episode(episode: EpisodeRecord, film: str | None, gripper: Gripper) -> str:
-    kind = episode.outcome
+def _episode(number_: int, record: EpisodeRecord, film: str | None, gripper: Gripper) -> str:
+    episode = record.episode
+    words, tone = OUTCOME_WORDS[episode.outcome]
     head = (
-        f"<h3>Episode {episode.number}: the {_esc(episode.target)} was asked for"
-        f'<span class="badge {kind}">{_WORDS[kind]}</span></h3>'
+        f"<h3>Episode {number_}: the {_esc(_name(episode.target))} was asked for"
+        f'<span class="badge {tone}">{words}</span></h3>'
     )
-    told = [f"{episode.attempts} attempt{'s' if episode.attempts != 1 else ''}"]
-    if episode.steps:
-        told.append(f"{episode.steps} control steps")
-    told.append(f"seed {episode.seed}")
-    if film is not None and episode.film_second is not None:
+    told = [_esc(f"on the table: {', '.join(episode.objects)}")]
+    told += [f"{episode.steps} control steps", f"seed {episode.seed}"]
+    if film is not None and record.film_second is not None:
+        second = record.film_second
         told.append(
-            f'<a href="{_esc(film)}#t={episode.film_second:.1f}">in the film at {_clock(episode.film_second)}</a>'
+            f'<a href="{_esc(film)}#t={second:.1f}">in the film at {int(second // 60)}:{int(second % 60):02d}</a>'
         )
-    why = f"<p>{_esc(episode.reason)}</p>" if episode.reason else ""
-    columns = [f"<div>{_picture(episode)}{_seen(episode)}</div>", _figure(episode, gripper)]
+    why = ""
+    if episode.failures:
+        failures = _esc("; ".join(f"{k}. {text}" for k, text in enumerate(episode.failures, 1)))
+        why = f"<p>{'Gave up after' if episode.reason else 'Failed tries'}: {failures}.</p>"
+    columns = [f"<div>{_picture(number_, record)}{_seen(record)}</div>", _figure(record, gripper)]
     return (
-        f'<section class="episode" id="episode-{episode.number}">{head}{why}<p class="why">{" · ".join(told)}</p>'
+        f'<section class="episode" id="episode-{number_}">{head}{why}<p class="why">{" · ".join(told)}</p>'
         f'<div class="pair">{"".join(columns)}</div></section>'
     )
 
 
-def _picture(episode: EpisodeRecord) -> str:
-    if episode.picture is None:
+def _picture(number_: int, record: EpisodeRecord) -> str:
+    if record.picture is None:
         return ""
+    return f'<img alt="the scene of episode {number_}" src="{_jpeg(record.picture)}">'
+
+
+def _jpeg(picture: np.ndarray) -> str:
     buffer = io.BytesIO()
-    Image.fromarray(np.asarray(episode.picture, dtype=np.uint8)).save(buffer, "JPEG", quality=85)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="the scene of episode {episode.number}" src="data:image/jpeg;base64,{data}">'
+    Image.fromarray(np.asarray(picture, dtype=np.uint8)).save(buffer, "JPEG", quality=85)
+    return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _figure(episode: EpisodeRecord, gripper: Gripper) -> str:
+def _figure(record: EpisodeRecord, gripper: Gripper) -> str:
     layers = [
         Layer(
             seen.points,
-            f"{seen.label} {100 * seen.confidence:.0f} %" + (" (chosen)" if seen.chosen else ""),
-            (f"{len(seen.points)} points", f"asked for: {episode.target}"),
+            f"{_name(seen.label)} {100 * seen.confidence:.0f} %" + (" (chosen)" if seen.chosen else ""),
+            (f"{len(seen.points)} points", f"asked for: {_name(record.episode.target)}"),
         )
-        for seen in episode.objects
+        for seen in record.objects
     ]
-    if episode.cloud is None and not layers and episode.plan is None:
+    cloud = record.cloud
+    if not (cloud is not None and np.isfinite(cloud).all(axis=1).any()):
+        cloud = None
+    if cloud is None and not any(len(layer.points) for layer in layers):
         return ""
-    shown = episode.cloud if episode.cloud is not None and np.isfinite(episode.cloud).all(axis=1).any() else None
-    if shown is None and not any(len(seen.points) for seen in episode.objects):
-        return ""
-    return f"<div>{fragment(episode.plan, shown, gripper=gripper, layers=layers, up=episode.up)}</div>"
+    return (
+        f"<div>{fragment(record.plan, cloud, gripper=gripper, layers=layers, up=UP, max_points=_FIGURE_POINTS)}</div>"
+    )
 
 
-def _seen(episode: EpisodeRecord) -> str:
-    if not episode.objects:
-        return '<p class="why">No object was found in the last frame.</p>'
+def _seen(record: EpisodeRecord) -> str:
+    if not record.objects:
+        return '<p class="why">No object was found on the table.</p>'
     rows = "".join(
-        f'<tr class="{"chosen" if seen.chosen else ""}"><td>{_esc(seen.label)}{" ← chosen" if seen.chosen else ""}</td>'
+        f'<tr class="{"chosen" if seen.chosen else ""}">'
+        f"<td>{_esc(_name(seen.label))}{' ← chosen' if seen.chosen else ''}</td>"
         f'<td class="right">{100 * seen.confidence:.1f} %</td><td class="right">{len(seen.points):,}</td></tr>'
-        for seen in episode.objects
+        for seen in record.objects
     )
     head = '<tr><th>classified as</th><th class="right">confidence</th><th class="right">points</th></tr>'
     return f'<div class="scroll"><table><thead>{head}</thead><tbody>{rows}</tbody></table></div>'
@@ -269,7 +256,7 @@ def _reproduction(record: ReportRecord) -> str:
     if record.commands:
         parts.append(f"<pre>{_esc(chr(10).join(record.commands))}</pre>")
     if record.episodes:
-        parts.append(f"<p>Seeds of the episodes: {', '.join(str(episode.seed) for episode in record.episodes)}.</p>")
+        parts.append(f"<p>Seeds of the episodes: {', '.join(str(each.episode.seed) for each in record.episodes)}.</p>")
     if record.versions:
         rows = "".join(
             f"<tr><td>{_esc(name)}</td><td>{_esc(value)}</td></tr>" for name, value in record.versions.items()
@@ -282,6 +269,10 @@ def _reproduction(record: ReportRecord) -> str:
 
 def _clock(seconds: float) -> str:
     return f"{int(seconds // 60)}:{int(seconds % 60):02d} min" if seconds >= 60 else f"{seconds:.0f} s"
+
+
+def _name(class_name: str) -> str:
+    return class_name.replace("_", " ")
 
 
 def _esc(text: object) -> str:

@@ -11,36 +11,31 @@ import pytest
 
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from pecgrasp_env.charts import bars, confusion_matrix, curve
-from pecgrasp_env.report import (
-    ClassifierRecord,
-    EpisodeRecord,
-    ReportRecord,
-    SeenObject,
-    render,
-    stage_times,
-    write_report,
-)
+from pecgrasp_env.episode_record import ClassifiedObject, EpisodeRecord, load_record, save_record
+from pecgrasp_env.evaluation import OUTCOMES, Episode
+from pecgrasp_env.report import OUTCOME_WORDS, ClassifierRecord, ReportRecord, render, stage_times, write_report
 
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
 
 
 def cloud(seed: int, n: int = 200) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(-0.05, 0.05, (n, 3)) + np.array([0.5, 0.1 * seed, 0.03])
+    points = np.random.default_rng(seed).uniform(-0.05, 0.05, (n, 3)) + np.array([0.5, 0.1 * seed, 0.03])
+    return points.astype(np.float32)
 
 
-def episode(number: int = 1, outcome: str = "lifted", **changes) -> EpisodeRecord:
+def episode(outcome: str = "success", **changes) -> EpisodeRecord:
     points = cloud(1)
     pose = np.diag([1.0, -1, -1, 1])
     pose[:3, 3] = points.mean(axis=0)
-    grasp = Grasp(pose, 0.06, 0.8, "region", 0)
+    grasp = Grasp(pose, 0.06, 0.8, "region", 0, {"margin": 0.5})
     plan = GraspPlan(grasp, [grasp], [RegionReport(points, "box", 0.06, 0.02, "candidate", 0)], None)
-    seen = (SeenObject(points, "stapler", 0.97, chosen=True), SeenObject(cloud(2), "mouse", 0.88))
-    fields = {"objects": seen, "cloud": cloud(3, 500), "up": np.array([0.0, 0, 1]), "plan": plan}
-    fields |= {
-        "picture": np.full((24, 32, 3), 90, np.uint8),
-        "stages": {"segment": [0.01, 0.03], "plan grasp": [0.002]},
-    }
-    return EpisodeRecord(number, 40 + number, **({"target": "stapler", "outcome": outcome} | fields | changes))
+    told = {"target": "plug_adapter", "reason": None, "failures": []}
+    told |= {key: changes.pop(key) for key in ("target", "reason", "failures") if key in changes}
+    ended = Episode(41, outcome=outcome, steps=200, views=1, confidence=0.9, objects=["mouse_0003"], stages={}, **told)
+    seen = (ClassifiedObject(points, "plug_adapter", 0.97, chosen=True), ClassifiedObject(cloud(2), "mouse", 0.88))
+    fields = {"objects": seen, "cloud": cloud(3, 500), "plan": plan, "picture": np.full((24, 32, 3), 90, np.uint8)}
+    fields |= {"calls": {"segment": [0.01, 0.03], "plan grasp": [0.002]}, "film_second": 62.5}
+    return EpisodeRecord(ended, **(fields | changes))
 
 
 def report(*episodes: EpisodeRecord, **changes) -> ReportRecord:
@@ -50,21 +45,24 @@ def report(*episodes: EpisodeRecord, **changes) -> ReportRecord:
 
 
 def test_a_full_report_is_well_formed_and_shows_its_numbers(outline) -> None:
-    episodes = [episode(k, "lifted" if k < 9 else "wrong") for k in range(1, 11)]
+    episodes = [episode("success" if k < 9 else "wrong_object") for k in range(1, 11)]
     seen = outline(render(report(*episodes, durations={"training": 75.0}, film="film.mp4", versions={"numpy": "2"})))
-    assert set(seen.addresses) <= {"data:,", "film.mp4", *(f"#episode-{k}" for k in range(1, 11))} | {
-        address for address in seen.addresses if address.startswith("data:image/jpeg;base64,")
-    }
+    pictures = {address for address in seen.addresses if address.startswith("data:image/jpeg;base64,")}
+    links = {"data:,", "film.mp4", "film.mp4#t=62.5", *(f"#episode-{k}" for k in range(1, 11))}
+    assert set(seen.addresses) - pictures == links
     assert seen.ids == [f"episode-{k}" for k in range(1, 11)]
     assert "8/10" in seen.text
-    assert "80 %, 95 % interval 49–94 %" in seen.text  # Wilson, for 8 of 10
+    assert (
+        "80\N{NO-BREAK SPACE}%, 95\N{NO-BREAK SPACE}% interval 49–94\N{NO-BREAK SPACE}%" in seen.text
+    )  # Wilson, for 8 of 10
     assert "95.0 %" in seen.text  # 19 of 20 clouds
     assert "1:15 min" in seen.text
+    assert "the plug adapter was asked for" in seen.text
     assert len(seen.data) == 10
 
 
 def test_text_from_outside_cannot_break_out_of_the_page(outline) -> None:
-    hostile = episode(target=HOSTILE, reason=HOSTILE, objects=(SeenObject(cloud(1), HOSTILE, 0.9),), outcome="failed")
+    hostile = episode("missed", target=HOSTILE, failures=[HOSTILE], objects=(ClassifiedObject(cloud(1), HOSTILE, 0.9),))
     classifier = ClassifierRecord([HOSTILE, "mouse"], np.eye(2, dtype=int), {HOSTILE: [0.1, 0.2]}, HOSTILE)
     extra = {
         "configuration": HOSTILE,
@@ -77,20 +75,31 @@ def test_text_from_outside_cannot_break_out_of_the_page(outline) -> None:
     assert HOSTILE in json.loads(seen.data[0])["layers"][1]["text"][0]
 
 
+@pytest.mark.parametrize("outcome", [name for name in OUTCOMES if name != "success"])
 @pytest.mark.parametrize(
     "changes",
     [
-        {"plan": None, "objects": (), "cloud": None, "up": None, "picture": None, "stages": {}},
-        {"plan": None, "objects": (), "reason": "no object of that class was seen"},
-        {"plan": GraspPlan(None, [], [], "all too wide"), "reason": "all too wide"},
+        {"plan": None, "objects": (), "cloud": None, "picture": None, "calls": {}, "film_second": None, "failures": []},
+        {"plan": None, "objects": (), "failures": ["not found", "not found"]},
+        {"plan": GraspPlan(None, [], [], "all too wide"), "failures": ["no grasp: all too wide"]},
         {"cloud": np.full((50, 3), np.nan), "plan": None, "objects": ()},
     ],
 )
-def test_failures_render_with_their_reason(outline, changes: dict) -> None:
-    seen = outline(render(report(episode(outcome="failed", **changes))))
-    assert "not lifted" in seen.text
-    assert changes.get("reason", "") in seen.text
+def test_failures_render_with_what_was_tried(outline, outcome: str, changes: dict) -> None:
+    record = episode(outcome, reason="gave up", **changes)
+    seen = outline(render(report(record)))
+    assert OUTCOME_WORDS[outcome][0] in seen.text
+    assert all(text in seen.text for text in record.episode.failures)
     assert "0/1" in seen.text
+
+
+@pytest.mark.parametrize("record", [episode(), episode("no_object", plan=None, objects=(), cloud=None, picture=None)])
+def test_a_record_is_the_same_after_a_trip_to_disk(tmp_path: Path, record: EpisodeRecord) -> None:
+    save_record(tmp_path / "1.npz", record)
+    back = load_record(tmp_path / "1.npz")
+    assert render(report(back)) == render(report(record))
+    assert back.episode == record.episode
+    assert [entry.name for entry in tmp_path.iterdir()] == ["1.npz"]
 
 
 def test_no_episode_and_no_classifier_still_make_a_report(outline) -> None:
@@ -100,7 +109,7 @@ def test_no_episode_and_no_classifier_still_make_a_report(outline) -> None:
 
 
 def test_stage_times_are_over_the_calls_of_all_episodes() -> None:
-    other = episode(2, stages={"segment": [0.02], "plan motion": []})
+    other = episode(calls={"segment": [0.02], "plan motion": []})
     assert stage_times([episode(), other]) == {"segment": (0.02, 0.03, 3), "plan grasp": (0.002, 0.002, 1)}
 
 
@@ -129,7 +138,7 @@ def test_charts_place_what_they_are_given(outline) -> None:
 
 @pytest.mark.parametrize(("width", "dark"), [(1000, False), (360, True)])
 def test_a_browser_shows_the_report_without_a_word_on_its_console(browse, width: int, dark: bool) -> None:
-    html = render(report(episode(1), episode(2, "failed", reason="slipped"), film="film.mp4", durations={"all": 9.0}))
+    html = render(report(episode(), episode("missed", reason="slipped"), film="film.mp4", durations={"all": 9.0}))
     page = browse(html, width=width, dark=dark)
     page.run("document.getElementById('episode-2').scrollIntoView()")
     page.wait(10)
