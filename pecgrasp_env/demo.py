@@ -198,7 +198,7 @@ def _record(seed: int, number: int) -> tuple[int, str, str]:
 def _introduction(config: CaptureConfig, n_clouds: int, env: Mapping[str, Any]) -> str:
     source = env.get("objects") or {}
     unseen = (
-        "Their shapes are drawn anew: the classifier has seen none of them. "
+        "The objects of the episodes are drawn anew: training has seen none of them. "
         if isinstance(source, Mapping) and source.get("path") is None and source.get("seed", 0) != config.objects.seed
         else ""
     )

@@ -1,0 +1,32 @@
+"""The benchmark: routines take turns, every part reports beside its yardstick, an unknown part is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from pecgrasp_env.benchmark import run_benchmark, side_by_side
+
+SMALL = {"seed": 0, "repeats": 1, "cloud_sizes": [256], "classified_sizes": [300]}
+
+
+def test_routines_take_turns_and_the_first_turn_does_not_count() -> None:
+    calls: list[str] = []
+    timings = side_by_side({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, repeats=2)
+    assert calls == ["a", "b"] * 3
+    assert list(timings) == ["a", "b"]
+    assert all(each.wall > 0 and each.cpu >= 0 for each in timings.values())
+
+
+@pytest.mark.parametrize("part", ["planning", "classification"])
+def test_a_part_reports_every_routine_beside_its_yardstick(part: str) -> None:
+    told: list[str] = []
+    rows = run_benchmark({**SMALL, "parts": [part]}, told.append)[part]
+    assert [row["name"] for row in rows][:3] == ["k-d tree", "default", "published"]
+    assert rows[0]["times_yardstick"] == 1
+    assert all(row["wall_ms"] > 0 and row["cpu_ms"] > 0 for row in rows)
+    assert all(any(row["name"] in line and row["what"] in line for line in told) for row in rows)
+
+
+def test_a_part_that_does_not_exist_is_named() -> None:
+    with pytest.raises(ValueError, match=r"parts=.*'cooking'.*planning"):
+        run_benchmark({**SMALL, "parts": ["cooking"]})
