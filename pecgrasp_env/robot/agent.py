@@ -139,9 +139,13 @@ class UR5Robotiq2F140(BaseAgent):
             for mode, config in arms.items()
         }
 
-    def set_action(self, action: Any) -> None:
+    def set_action(self, action: torch.Tensor) -> None:
+        """Send an action (num_envs, 8) to the controllers. Raises ValueError where it is not finite (CPU only)."""
+        # On a GPU the check would wait for the device at every step.
+        if not self.scene.gpu_sim_enabled and not torch.isfinite(action).all():
+            raise ValueError(f"action must be finite, got {action.tolist()}")
         self._qpos_before = self.robot.get_qpos().clone()
-        super().set_action(action)
+        self.controller.set_action(action)
 
     def before_simulation_step(self) -> None:
         super().before_simulation_step()

@@ -102,6 +102,11 @@ class TestControllers:
             assert state["force_limit"].item() == pytest.approx(force, rel=1e-3)
             assert state["target_opening"].item() == pytest.approx(opening, abs=1e-5)
 
+    def test_an_action_that_is_not_finite_is_refused(self, bench):
+        b = bench()
+        with pytest.raises(ValueError, match="action must be finite"):
+            self.act(b, [0, 0, 0, 0, 0, np.nan, 0.1, 20], 0.05)
+
     def test_commands_outside_the_gripper_s_range_are_clipped(self, bench):
         b = bench()
         b.hold(b.q[:6], 0.3, 500, 0.5)
