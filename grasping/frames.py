@@ -111,7 +111,7 @@ def flying_pixels(inside: FloatArray, valid: IntArray, chosen: IntArray, shape: 
     """Which of the chosen points hang between two surfaces, as stereo and time of flight put them on edges.
 
     Fewer than two of such a pixel's eight neighbours are on the same surface. inside (V, 3): the valid points, whose
-    flat indices in the frame are `valid` (V,); chosen (C,) indexes those. Returns (C,). Any frame of coordinates will do.
+    flat indices in the frame are `valid` (V,); chosen (C,) indexes those. Returns (C,). Any frame will do.
     """
     rows, columns = shape
     stride = columns + 2
