@@ -1,0 +1,163 @@
+"""What the policy sees: one observation read as a real robot would have it, and the objects on the table with their
+classes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from grasping import ROBOTIQ_2F_140, Segmenter
+from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinematics
+from pecgrasp_env.sensor import CameraIntrinsics, deproject
+
+UP = np.array([0.0, 0.0, 1.0])
+_SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two objects do
+_GRIPPER_MARGIN_M = 0.015
+
+
+class ObservationError(ValueError):
+    """The observation lacks what the policy needs; the message names the key."""
+
+
+@dataclass(frozen=True)
+class Percept:
+    """One observation: joint angles (6,) rad, gripper opening m, depth (H, W) m with 0 for none, the camera's
+    intrinsics.
+    """
+
+    q: np.ndarray
+    opening: float
+    depth: np.ndarray
+    intrinsics: CameraIntrinsics
+
+    @property
+    def T_base_camera(self) -> np.ndarray:
+        """From the joint angles and the bracket's calibration, as on a real robot."""
+        return forward_kinematics(self.q) @ T_TOOL0_CAMERA
+
+
+def read_observation(obs: Mapping[str, Any]) -> Percept:
+    """A visual observation of SelectiveGrasp-v1 with depth, batched with one sub-environment or not batched.
+
+    Raises:
+        ObservationError: a key is missing, or there is more than one sub-environment.
+    """
+    camera = _at(obs, "sensor_data", "wrist_camera", "depth")
+    depth = np.asarray(camera, np.float32)
+    if depth.ndim == 4:
+        if len(depth) != 1:
+            raise ObservationError(f"obs holds {len(depth)} sub-environments: the policy drives one robot")
+        depth = depth[0]
+    K = np.asarray(_at(obs, "sensor_param", "wrist_camera", "intrinsic_cv"), float).reshape(3, 3)
+    height, width = depth.shape[:2]
+    intrinsics = CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+    q = np.asarray(_at(obs, "agent", "qpos"), float).reshape(-1)[:6]
+    opening = float(np.asarray(_at(obs, "extra", "opening")).reshape(-1)[0])
+    return Percept(q, opening, depth.reshape(height, width), intrinsics)
+
+
+def _at(obs: Mapping[str, Any], *keys: str) -> Any:
+    value: Any = obs
+    for depth, key in enumerate(keys):
+        if not isinstance(value, Mapping) or key not in value:
+            raise ObservationError(f"obs has no {'/'.join(keys[: depth + 1])}: use an obs_mode with depth")
+        value = value[key]
+    return value
+
+
+@dataclass
+class SeenObject:
+    """An object on the table. points: (M, 3) m, base frame. evidence: for each view the probability of each class."""
+
+    points: np.ndarray
+    touches_border: bool
+    evidence: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def centroid(self) -> np.ndarray:
+        return self.points.mean(axis=0)
+
+    def probabilities(self) -> dict[str, float]:
+        """The views' probabilities, multiplied and normalised: each view is one more independent look."""
+        names = sorted({name for view in self.evidence for name in view})
+        logs = np.array([sum(np.log(max(view.get(name, 0.0), 1e-3)) for view in self.evidence) for name in names])
+        weights = np.exp(logs - logs.max())
+        return dict(zip(names, (weights / weights.sum()).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class View:
+    """What one picture shows, base frame.
+
+    objects: not yet classified. clouds: their points (M, 3) float32 in the camera frame, which classifiers take.
+    plane: the table (4,) as n · p + d = 0, or None. obstacles: (K, 3) of what is no object but could be hit.
+    """
+
+    objects: list[SeenObject]
+    clouds: list[np.ndarray]
+    plane: np.ndarray | None
+    obstacles: np.ndarray
+
+
+def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
+    """(…,) bool: points (…, 3) of the camera frame that may lie on the gripper itself."""
+    T_gripper_camera = np.linalg.inv(T_TOOL0_GRIPPER) @ T_TOOL0_CAMERA
+    p = points_camera @ T_gripper_camera[:3, :3].T + T_gripper_camera[:3, 3]
+    hand = ROBOTIQ_2F_140
+    tip = hand.pad_depth(opening) + hand.pad_length / 2 + _GRIPPER_MARGIN_M
+    half_hinge = max(hand.finger_width / 2, 0.04) + _GRIPPER_MARGIN_M  # the palm is a can of 40 mm radius
+    half_closing = max(opening / 2 + 0.03, 0.06) + _GRIPPER_MARGIN_M
+    return (np.abs(p[..., 0]) < half_hinge) & (np.abs(p[..., 1]) < half_closing) & (p[..., 2] > 0) & (p[..., 2] < tip)
+
+
+def look(percept: Percept, segmenter: Segmenter) -> View:
+    """The objects in one picture."""
+    cloud = deproject(percept.depth, percept.intrinsics)
+    cloud[gripper_mask(cloud, percept.opening)] = np.nan
+    T = percept.T_base_camera
+    scene = segmenter.segment(cloud, up=T[:3, :3].T @ UP)
+    objects = [
+        SeenObject(_moved(T, points), bool(border))
+        for points, border in zip(scene.objects, scene.touches_border, strict=True)
+    ]
+    plane = None
+    if scene.plane is not None:
+        normal = T[:3, :3] @ scene.plane[:3]
+        plane = np.append(normal, scene.plane[3] - normal @ T[:3, 3])
+    obstacles = np.concatenate([np.zeros((0, 3)), *(_moved(T, points) for points in scene.obstacles)])
+    return View(objects, list(scene.objects), plane, obstacles)
+
+
+def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return np.asarray(points, float) @ T[:3, :3].T + T[:3, 3]
+
+
+def class_probabilities(classifier: Any, points_camera: np.ndarray) -> dict[str, float]:
+    """What a classifier says of one cloud (M, 3), camera frame, as class → probability.
+
+    ``classifier`` is a `pec.Classifier` or any callable cloud → (label, confidence).
+    """
+    answer = classifier.predict(points_camera) if hasattr(classifier, "predict") else classifier(points_camera)
+    if hasattr(answer, "probabilities"):
+        return {name: float(p) for name, p in answer.probabilities.items()}
+    label, confidence = answer
+    return {label: float(confidence)}
+
+
+def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
+    """Objects of a new view joined with those already known: the same place is the same object; its points add up."""
+    result = list(known)
+    for new in seen:
+        near = [old for old in known if np.linalg.norm((old.centroid - new.centroid)[:2]) < _SAME_OBJECT_M]
+        if not near:
+            result.append(new)
+            continue
+        old = min(near, key=lambda candidate: float(np.linalg.norm((candidate.centroid - new.centroid)[:2])))
+        old.points = np.concatenate([old.points, new.points])
+        old.touches_border = old.touches_border and new.touches_border
+        old.evidence += new.evidence
+    return result

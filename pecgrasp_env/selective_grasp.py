@@ -1,0 +1,379 @@
+"""SelectiveGrasp-v1: pick the object that was asked for out of several, with a UR5 and a Robotiq 2F-140."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils import sapien_utils
+from mani_skill.utils.geometry.rotation_conversions import quaternion_to_matrix
+from mani_skill.utils.registration import register
+from mani_skill.utils.structs.actor import Actor
+from mani_skill.utils.structs.pose import Pose
+from mani_skill.utils.structs.types import DefaultMaterialsConfig, SimConfig
+from scipy.spatial import ConvexHull
+
+from pecgrasp_env import MAX_EPISODE_STEPS, workbench
+from pecgrasp_env.camera import LIT, UNLIT, sense
+from pecgrasp_env.objects import LARS_CLASSES, open_objects
+from pecgrasp_env.placement import Region, lay_out
+from pecgrasp_env.robot import UR5Robotiq2F140
+from pecgrasp_env.sensor import SENSOR_MODES, intrinsics_of
+from pecgrasp_env.sensor.rendering import FAR, NEAR
+
+REGION = Region(x_min=0.33, x_max=0.67, y_min=-0.25, y_max=0.25)
+
+LIFT_HEIGHT = 0.15  # m of air under the asked-for object: success
+WRONG_LIFT_HEIGHT = 0.05  # m of air under any other object: failure
+LIFTED_HEIGHT = 0.05  # m of air under the asked-for object from which on it can be dropped
+LANDED_HEIGHT = 0.02
+OFF_TABLE_HEIGHT = -0.02  # m, height of a lowest point below which an object has left the table
+STILL_SPEED = 0.02  # m/s
+
+# Streams of random numbers of one episode: which objects and how they lie are drawn apart.
+_CHOICE, _LAYOUT, _NOISE = 0, 1, 2
+
+
+class TaskError(ValueError):
+    """An argument of the environment makes no sense; the message names it."""
+
+
+class SelectiveGraspEnv(BaseEnv):
+    """
+    ## Description
+    Several objects of different classes lie apart on a table. One class is asked for. The arm has to take hold of the
+    object of that class and to lift it; to lift another one, or to push anything off the table, is a failure.
+
+    The world frame is the robot's base frame: z up, tabletop at z = 0, the objects in front of the robot within
+    0.33 m < x < 0.67 m, |y| < 0.25 m. Lengths in metres, angles in radians, quaternions w, x, y, z. Control at 20 Hz,
+    physics at 100 Hz.
+
+    ## Action Space
+    `Box(8,)` float32, by `control_mode`:
+    | mode | 0–5 | 6 | 7 |
+    |---|---|---|---|
+    | `pd_joint_pos` | joint targets, rad | gripper opening, 0 … 0.14 m | force limit, 10 … 125 N |
+    | `pd_joint_delta_pos` | joint steps, normalised to [−1, 1] | opening, normalised | force limit, normalised |
+    | `pd_ee_pose` | tool position, m, and rotation, rad | gripper opening, 0 … 0.14 m | force limit, 10 … 125 N |
+    | `pd_ee_delta_pose` | tool step, normalised | opening, normalised | force limit, normalised |
+
+    ## Observation Space
+    In the mode `state_dict` (`state` is the same, flattened), first axis the sub-environments:
+    | key | shape | meaning |
+    |---|---|---|
+    | agent/qpos, agent/… | see the robot | joint positions, rad, and what else the robot feels |
+    | extra/target | (n_classes,) | the asked-for class, one-hot in the order of `classes` |
+    | extra/tcp_pose | (7,) | pose of the pads' centre, world frame |
+    | extra/opening | (1,) | measured gripper opening, m |
+    | extra/target_pose | (7,) | only in state modes: pose of the asked-for object, world frame |
+    | extra/object_poses | (7 · n_objects,) | only in state modes: poses of all objects, in no meaningful order |
+
+    Visual modes (`depth`, `depth+segmentation`, `rgb+depth`, `pointcloud`, …) replace the last two by what the wrist
+    camera, `wrist_camera`, sees. Depth is float32 in metres along the optical axis and 0 where there is none; point
+    clouds are in the world frame, their fourth value is 0 where there is no point.
+
+    ## Rewards
+    `sparse`: 1 on success, −1 on failure, else 0. `dense`, per step, between −2 and 5:
+    | term | range |
+    |---|---|
+    | reach: 1 − tanh(5 · distance from the pads' centre to the asked-for object in m) | 0 … 1 |
+    | grasp: the asked-for object is held | 0, 1 |
+    | lift: air under the object / 0.15 m, while held | 0 … 1 |
+    | still: 1 − tanh(10 · speed of the object in m/s), while held 0.15 m above the table | 0 … 1 |
+    | success (replaces the sum) | 5 |
+    | wrong: another object is held | −1, 0 |
+    | failure | −1, 0 |
+
+    `normalized_dense` is a fifth of it.
+
+    ## Starting State
+    `n_objects` instances of different classes are drawn, dropped in random orientations, and laid out where they came
+    to rest, turned about the vertical and shifted at random, their outlines at least `clearance` from each other. One
+    of their classes is asked for. The arm hangs over the table in its home posture, the camera looking at the objects,
+    ± `joint_noise`. Everything is drawn by a generator of the sub-environment.
+
+    ## Episode End
+    Terminated on success: the asked-for object is held, at least 0.15 m of air under all of it, and moves slower than
+    0.02 m/s. Terminated on failure: `wrong_object`, another object has more than 0.05 m of air under it; `off_table`,
+    any object has left the table. Truncated after 400 steps. `info` also says `dropped`: the asked-for object had been
+    lifted and is on the table again, which is no failure: it may be picked up once more.
+
+    ## Arguments
+    | name | default | meaning |
+    |---|---|---|
+    | `n_objects` | 3 | objects on the table, at most as many as there are classes |
+    | `classes` | the five LARS classes | what may lie on the table, and the order of the one-hot vector |
+    | `objects` | None | None: the procedural catalogue; a path: a folder of meshes; or an opened source of objects |
+    | `sensor` | "ideal" | "ideal": noise-free depth beyond the minimum distance; "d435": with the camera's faults |
+    | `resolution` | "424x240" | depth mode of the D435, see `pecgrasp_env.sensor.D435` |
+    | `clearance` | 0.03 | least distance between two outlines at the start, m |
+    | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
+    | `reconfiguration_freq` | 1 with one sub-environment, else 0 | resets between draws of new objects; 0: draw once |
+
+    and those of `mani_skill.envs.sapien_env.BaseEnv`. `reset(options={"reconfigure": True})` draws new objects at once.
+
+    ## Version History
+    - v1: first version.
+    """
+
+    SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid,)
+    SUPPORTED_REWARD_MODES = ("normalized_dense", "dense", "sparse", "none")
+    agent: UR5Robotiq2F140
+
+    def __init__(
+        self,
+        *args: Any,
+        n_objects: int = 3,
+        classes: Sequence[str] = LARS_CLASSES,
+        objects: Any = None,
+        sensor: str = "ideal",
+        resolution: str = "424x240",
+        clearance: float = 0.03,
+        joint_noise: float = 0.02,
+        robot_uids: str = UR5Robotiq2F140.uid,
+        obs_mode: str | None = None,
+        sensor_configs: dict | None = None,
+        num_envs: int = 1,
+        reconfiguration_freq: int | None = None,
+        **kwargs: Any,
+    ) -> None:
+        if sensor not in SENSOR_MODES:
+            raise TaskError(f"sensor={sensor!r}: must be one of {SENSOR_MODES}")
+        if clearance < 0:
+            raise TaskError(f"clearance={clearance}: must not be negative")
+        if joint_noise < 0:
+            raise TaskError(f"joint_noise={joint_noise}: must not be negative")
+        self.classes = tuple(classes)
+        if len(set(self.classes)) != len(self.classes) or not self.classes:
+            raise TaskError(f"classes={self.classes}: must name at least one class, each once")
+        if not 1 <= n_objects <= len(self.classes):
+            raise TaskError(f"n_objects={n_objects}: must be between 1 and the number of classes, {len(self.classes)}")
+        self.source = objects if hasattr(objects, "load") else open_objects(objects, classes=self.classes)
+        missing = [name for name in self.classes if name not in self.source.classes]
+        if missing:
+            raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
+        self.n_objects = n_objects
+        self.sensor = sensor
+        self.clearance = clearance
+        self.joint_noise = joint_noise
+        if reconfiguration_freq is None:
+            reconfiguration_freq = 1 if num_envs == 1 else 0
+        intrinsics = intrinsics_of(resolution)
+        # Light is computed only where somebody looks at pictures; point clouds carry the plain colours.
+        shader = LIT if "rgb" in (obs_mode or "") else UNLIT
+        camera = {
+            "width": intrinsics.width,
+            "height": intrinsics.height,
+            "fov": None,
+            "intrinsic": intrinsics.matrix,
+            "near": NEAR,
+            "far": FAR,
+        }
+        super().__init__(
+            *args,
+            robot_uids=robot_uids,
+            obs_mode=obs_mode,
+            sensor_configs={"shader_config": shader, "wrist_camera": camera, **(sensor_configs or {})},
+            num_envs=num_envs,
+            reconfiguration_freq=reconfiguration_freq,
+            **kwargs,
+        )
+
+    # ------------------------------------------------------------------ scene
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return SimConfig(default_materials_config=DefaultMaterialsConfig(static_friction=0.6, dynamic_friction=0.6))
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:
+        pose = sapien_utils.look_at([1.25, 0.80, 0.80], [0.36, 0.0, 0.22])
+        return CameraConfig("render_camera", pose, 640, 480, 0.82, 0.05, 60)
+
+    def _load_agent(self, options: dict) -> None:
+        super()._load_agent(options, sapien.Pose())
+
+    def _load_lighting(self, options: dict) -> None:
+        workbench.light(self.scene, shadow=self.enable_shadow)
+
+    def _load_scene(self, options: dict) -> None:
+        workbench.build_table(self.scene)
+        workbench.build_floor(self.scene)
+        # The asked-for object takes no fixed slot: its number in a segmentation picture must not give it away.
+        self.models = [self._draw_models(self._generator(i, _CHOICE)) for i in range(self.num_envs)]
+        self.objects = [self._build_slot(slot) for slot in range(self.n_objects)]
+        self._slot_class = torch.tensor(
+            [[self.classes.index(model.class_name) for model in models] for models in self.models], device=self.device
+        )
+        hulls = [[_hull(np.concatenate(model.hulls)) for model in models] for models in self.models]
+        most = max(len(hull) for row in hulls for hull in row)
+        # Repeating the last vertex pads without moving the lowest point.
+        padded = np.array(
+            [[np.pad(hull, ((0, most - len(hull)), (0, 0)), mode="edge") for hull in row] for row in hulls]
+        )
+        self._hull_vertices = torch.tensor(padded, dtype=torch.float32, device=self.device)
+        self._target_slot = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
+        self._was_lifted = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
+        self._dropped = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
+        self._position_before = torch.zeros(self.num_envs, 3, device=self.device)
+        self._noise_seed = np.zeros(self.num_envs, dtype=np.int64)
+
+    def _draw_models(self, rng: np.random.Generator) -> list[Any]:
+        chosen = rng.permutation(len(self.classes))[: self.n_objects]
+        names = [self.classes[i] for i in chosen]
+        return [self.source.load(name, int(rng.integers(len(self.source.names(name))))) for name in names]
+
+    def _build_slot(self, slot: int) -> Actor:
+        parts = []
+        for i, models in enumerate(self.models):
+            builder = self.scene.create_actor_builder()
+            models[slot].add_to(builder)
+            builder.set_scene_idxs([i])
+            builder.initial_pose = sapien.Pose([0.5, 0.3 * slot, 0.5])
+            parts.append(builder.build(name=f"object_{slot}_{i}"))
+            self.remove_from_state_dict_registry(parts[-1])
+        actor = Actor.merge(parts, name=f"object_{slot}")
+        self.add_to_state_dict_registry(actor)
+        return actor
+
+    # ---------------------------------------------------------------- episode
+
+    def _generator(self, env_index: int, stream: int) -> np.random.Generator:
+        """A generator of one sub-environment's own, one for each purpose."""
+        return np.random.default_rng([stream, self._batched_episode_rng.rngs[env_index].randint(2**31)])
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
+        indices = env_idx.tolist()
+        self._set_scene_config()  # the private scene of the fall takes the physics engine's current settings
+        poses = np.zeros((len(indices), self.n_objects, 7))
+        home = np.asarray(self.agent.keyframes["home"].qpos, dtype=np.float32)
+        qpos = np.tile(home, (len(indices), 1))
+        for row, i in enumerate(indices):
+            rng = self._generator(i, _LAYOUT)
+            self._target_slot[i] = int(rng.integers(self.n_objects))
+            poses[row] = lay_out(self.models[i], rng, REGION, self.clearance)
+            qpos[row, :6] += rng.uniform(-self.joint_noise, self.joint_noise, size=6)
+            self._noise_seed[i] = self._generator(i, _NOISE).integers(2**31)
+        placed = torch.tensor(poses, dtype=torch.float32, device=self.device)
+        for slot, actor in enumerate(self.objects):
+            actor.set_pose(Pose.create(placed[:, slot]))
+        self.agent.reset(torch.tensor(qpos, device=self.device))
+        self.agent.robot.set_pose(sapien.Pose())
+        self._was_lifted[env_idx] = False
+        self._dropped[env_idx] = False
+        self._position_before[env_idx] = placed[torch.arange(len(indices)), self._target_slot[env_idx], :3]
+
+    @property
+    def target_class(self) -> torch.Tensor:
+        """Index of the asked-for class in ``classes``, (num_envs,)."""
+        return self._of_target(self._slot_class)
+
+    @property
+    def target_names(self) -> list[str]:
+        """The asked-for class of every sub-environment, as text."""
+        return [self.classes[i] for i in self.target_class.tolist()]
+
+    def _of_target(self, per_slot: torch.Tensor) -> torch.Tensor:
+        """Picks from (num_envs, n_objects, …) what belongs to the asked-for object: (num_envs, …)."""
+        return per_slot[torch.arange(self.num_envs, device=self.device), self._target_slot]
+
+    def _object_poses(self) -> torch.Tensor:
+        return torch.stack([actor.pose.raw_pose for actor in self.objects], dim=1)
+
+    def _air(self, poses: torch.Tensor) -> torch.Tensor:
+        """Height of the lowest point of every object above the table, m, (num_envs, n_objects)."""
+        third_row = quaternion_to_matrix(poses[..., 3:])[..., 2, :]
+        return (self._hull_vertices @ third_row[..., None])[..., 0].min(dim=-1).values + poses[..., 2]
+
+    # ------------------------------------------------------------- evaluation
+
+    def _before_control_step(self) -> None:
+        poses = self._object_poses()
+        air = self._of_target(self._air(poses))
+        self._was_lifted |= air > LIFTED_HEIGHT
+        self._dropped |= self._was_lifted & (air < LANDED_HEIGHT)
+        self._position_before = self._of_target(poses)[:, :3].clone()
+
+    def evaluate(self) -> dict[str, Any]:
+        poses = self._object_poses()
+        air = self._air(poses)
+        held = torch.stack([self.agent.is_grasping(actor) for actor in self.objects], dim=1)
+        is_target = torch.zeros_like(held)
+        is_target[torch.arange(self.num_envs, device=self.device), self._target_slot] = True
+        target_air = self._of_target(air)
+        # From positions: under a squeeze PhysX reports velocities of bodies that do not move.
+        moved = torch.linalg.norm(self._of_target(poses)[:, :3] - self._position_before, dim=1)
+        speed = moved * self.control_freq
+        target_held = self._of_target(held)
+        wrong_object = ((air > WRONG_LIFT_HEIGHT) & ~is_target).any(dim=1)
+        off_table = (air < OFF_TABLE_HEIGHT).any(dim=1)
+        fail = wrong_object | off_table
+        success = target_held & (target_air >= LIFT_HEIGHT) & (speed < STILL_SPEED) & ~fail
+        dropped = self._dropped | (self._was_lifted & (target_air < LANDED_HEIGHT))
+        return {
+            "success": success,
+            "fail": fail,
+            "wrong_object": wrong_object,
+            "off_table": off_table,
+            "dropped": dropped,
+            "target_held": target_held,
+            "wrong_held": (held & ~is_target).any(dim=1),
+            "target_air": target_air,
+            "target_speed": speed,
+            "target": self.target_names,
+        }
+
+    # ------------------------------------------------------------ observation
+
+    def _get_obs_extra(self, info: dict) -> dict[str, torch.Tensor]:
+        observation = {
+            "target": torch.nn.functional.one_hot(self.target_class, len(self.classes)).float(),
+            "tcp_pose": self.agent.tcp_pose.raw_pose,
+            "opening": self.agent.gripper_opening[:, None],
+        }
+        if self.obs_mode_struct.use_state:
+            poses = self._object_poses()
+            observation |= {"target_pose": self._of_target(poses), "object_poses": poses.flatten(1)}
+        return observation
+
+    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict:
+        data = super()._get_obs_sensor_data(apply_texture_transforms)
+        if not apply_texture_transforms:
+            return data
+        for name, pictures in data.items():
+            if "depth" in pictures or "position" in pictures:
+                # One generator for each picture, so that looking twice at one moment shows the same.
+                generators = [
+                    np.random.default_rng([_NOISE, int(seed), int(step)])
+                    for seed, step in zip(self._noise_seed, self.elapsed_steps, strict=True)
+                ]
+                data[name] = sense(pictures, self._sensors[name], self.sensor, generators)
+        return data
+
+    # ----------------------------------------------------------------- reward
+
+    def compute_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
+        target = self._of_target(self._object_poses())[:, :3]
+        held = info["target_held"].float()
+        reach = 1 - torch.tanh(5 * torch.linalg.norm(target - self.agent.tcp_pose.p, dim=1))
+        lift = (info["target_air"] / LIFT_HEIGHT).clamp(0, 1)
+        still = (1 - torch.tanh(10 * info["target_speed"])) * (info["target_air"] >= LIFT_HEIGHT)
+        reward = reach + held * (1 + lift + still)
+        reward = torch.where(info["success"], torch.full_like(reward, 5.0), reward)
+        return reward - info["wrong_held"].float() - info["fail"].float()
+
+    def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
+        return self.compute_dense_reward(obs, action, info) / 5
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    return points[ConvexHull(points).vertices]
+
+
+# For ManiSkill's own tools; Gymnasium knows the task from the package's __init__.
+register("SelectiveGrasp-v1", SelectiveGraspEnv, max_episode_steps=MAX_EPISODE_STEPS)

@@ -1,0 +1,112 @@
+"""Joint paths: straight, within joint speeds, and above the table."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from grasping import ROBOTIQ_2F_140
+from pecgrasp_env.approach import clear_of_table
+from pecgrasp_env.motion import (
+    JOINT_ACCELERATION,
+    JOINT_SPEED,
+    MotionError,
+    joint_origins,
+    lowest_link,
+    lowest_tip,
+    straight_line,
+    time_law,
+)
+from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics, tool0_from_grasp
+from pecgrasp_env.views import HOME, look_at, look_postures
+
+TABLE = np.array([0.0, 0.0, 1.0, 0.0])
+
+
+def top_down(x, y, z, yaw=0.0):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("z", yaw).as_matrix() @ np.diag([1.0, -1.0, -1.0])
+    T[:3, 3] = (x, y, z)
+    return T
+
+
+def test_the_tool_moves_on_a_straight_line():
+    T_start = forward_kinematics(HOME)
+    T_end = T_start.copy()
+    T_end[:3, 3] += (0.05, -0.10, -0.20)
+    path = straight_line(HOME, T_start, T_end)
+    tools = np.array([forward_kinematics(q) for q in path])
+    direction = (T_end - T_start)[:3, 3] / np.linalg.norm((T_end - T_start)[:3, 3])
+    along = (tools[:, :3, 3] - T_start[:3, 3]) @ direction
+    off = tools[:, :3, 3] - T_start[:3, 3] - along[:, None] * direction
+    assert np.abs(off).max() < 1e-9
+    assert np.abs(tools[:, :3, :3] - T_start[:3, :3]).max() < 1e-9
+    assert (np.diff(along) > 0).all()
+    assert tools[-1] == pytest.approx(T_end)
+
+
+def test_a_line_out_of_reach_is_refused():
+    T_start = forward_kinematics(HOME)
+    T_end = T_start.copy()
+    T_end[0, 3] += 1.0
+    with pytest.raises(MotionError, match="reach"):
+        straight_line(HOME, T_start, T_end)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 6), st.floats(0.1, 1.0))
+def test_the_time_law_keeps_speed_and_acceleration_and_ends_at_the_end(seed, n, speed):
+    rng = np.random.default_rng(seed)
+    waypoints = rng.uniform(-1, 1, size=(n, 6))
+    dt = 0.05
+    targets = np.concatenate([waypoints[:1], time_law(waypoints, dt, speed)])
+    steps = np.abs(np.diff(targets, axis=0)).max(axis=1) / dt
+    assert steps.max() <= speed * JOINT_SPEED + 1e-9
+    assert steps[0] <= JOINT_ACCELERATION * dt / 2 + 1e-9
+    assert targets[-1] == pytest.approx(waypoints[-1])
+
+
+def test_to_stay_is_one_target():
+    assert time_law(np.tile(HOME, (3, 1)), 0.05) == pytest.approx(HOME[None])
+
+
+def test_joint_origins_end_at_the_tool():
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(-np.pi, np.pi, size=(20, 6)):
+        assert joint_origins(q)[-1] == pytest.approx(forward_kinematics(q)[:3, 3])
+
+
+def test_a_path_through_the_table_is_seen():
+    """The ends are high, the middle is not: shoulder down and up again on the way."""
+    low = HOME + np.array([0, 1.2, 0, 0, 0, 0])
+    assert lowest_link(np.stack([HOME, HOME])) > 0.4
+    assert lowest_link(np.stack([HOME, low, HOME])) < 0.1
+    # Seen from straight above, the closed gripper's tips are where its geometry says.
+    reach = ROBOTIQ_2F_140.pad_depth(0.0) + ROBOTIQ_2F_140.pad_length / 2
+    assert lowest_tip(np.stack([HOME, HOME])) == pytest.approx(forward_kinematics(HOME)[2, 3] - reach, abs=0.01)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.03, 0.12])
+@pytest.mark.parametrize("height", [0.0, 0.02, 0.08])
+def test_fingertips_stay_off_the_table(width, height):
+    T = clear_of_table(top_down(0.5, 0.1, height), width, TABLE)
+    tip = T[2, 3] - ROBOTIQ_2F_140.pad_length / 2
+    assert tip > 0.003
+    assert T[:2, 3] == pytest.approx(np.array([0.5, 0.1]))
+    if height > 0.05:
+        assert pytest.approx(top_down(0.5, 0.1, height)) == T
+    assert tool0_from_grasp(T, width)[2, 3] > 0.2
+
+
+def test_the_views_look_at_the_table():
+    for q in look_postures():
+        T = forward_kinematics(q) @ T_TOOL0_CAMERA
+        hit = T[:3, 3] - T[:3, 2] * T[2, 3] / T[2, 2]
+        assert np.linalg.norm(hit[:2] - (0.5, 0.0)) < 0.03
+        assert lowest_tip(np.stack([HOME, q])) > 0.1
+
+
+def test_look_at_is_a_camera_with_x_up_in_its_picture():
+    T = look_at((0.5, 0.0, 0.5), (0.5, 0.0, 0.0))
+    assert T[:3, :3] == pytest.approx(np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]], float), abs=1e-12)

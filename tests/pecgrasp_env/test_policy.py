@@ -1,0 +1,182 @@
+"""The scripted policy in the real simulator: it picks what it is told to and notices what went wrong."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from pecgrasp_env import ScriptedPolicy
+from pecgrasp_env.evaluation import run_episode
+from pecgrasp_env.objects import LARS_CLASSES, Catalogue
+from pecgrasp_env.perception import (
+    ObservationError,
+    SeenObject,
+    class_probabilities,
+    gripper_mask,
+    look,
+    merge,
+    read_observation,
+)
+from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinematics
+
+
+@pytest.fixture(scope="module")
+def env():
+    environment = gym.make(
+        "SelectiveGrasp-v1",
+        obs_mode="depth",
+        reward_mode="dense",
+        control_mode="pd_joint_pos",
+        sim_backend="physx_cpu",
+        render_backend="cpu",
+        objects=Catalogue(LARS_CLASSES, instances_per_class=2),
+    )
+    yield environment
+    environment.close()
+
+
+class Labels:
+    """Stands for a perfect classifier: the class of the object nearest to the cloud; ``rename`` makes it a liar."""
+
+    def __init__(self, env, rename=None):
+        self.task = env.unwrapped
+        self.rename = rename or {}
+
+    def __call__(self, points):
+        q = self.task.agent.robot.get_qpos()[0, :6].numpy().astype(float)
+        T = forward_kinematics(q) @ T_TOOL0_CAMERA
+        centre = (points @ T[:3, :3].T + T[:3, 3]).mean(axis=0)[:2]
+        places = [actor.pose.p[0, :2].numpy() for actor in self.task.objects]
+        nearest = int(np.argmin([np.linalg.norm(place - centre) for place in places]))
+        name = self.task.models[0][nearest].class_name
+        return self.rename.get(name, name), 0.99
+
+
+@pytest.mark.parametrize("seed", [0, 4, 5])
+def test_it_lifts_the_object_that_was_asked_for(env, seed):
+    episode = run_episode(env, ScriptedPolicy(Labels(env)), seed)
+    assert episode.outcome == "success"
+    assert episode.reason is None
+    assert episode.failures == []
+    assert set(episode.stages) == {"segment", "classify", "plan grasp", "plan motion"}
+
+
+def test_the_return_ends_with_the_greatest_reward_and_twins_agree(env):
+    def rollout():
+        obs, info = env.reset(seed=1)
+        policy = ScriptedPolicy(Labels(env))
+        policy.reset(info["target"][0])
+        rewards = []
+        for _ in range(200):
+            obs, reward, terminated, _, info = env.step(policy.act(obs))
+            rewards.append(float(reward))
+            if terminated:
+                break
+        return rewards
+
+    first, second = rollout(), rollout()
+    assert first == second
+    assert first[-1] == 5.0
+    assert max(first[:-1]) < 5.0
+
+
+def test_a_classifier_that_lies_makes_it_lift_the_wrong_object(env):
+    _, info = env.reset(seed=0)
+    target = info["target"][0]
+    others = [model.class_name for model in env.unwrapped.models[0] if model.class_name != target]
+    episode = run_episode(env, ScriptedPolicy(Labels(env, {target: others[0], others[0]: target})), 0)
+    assert episode.outcome == "wrong_object"
+
+
+def test_it_gives_up_with_a_reason_where_nothing_is_of_the_class(env):
+    names = dict.fromkeys(LARS_CLASSES, "unknown")
+    episode = run_episode(env, ScriptedPolicy(Labels(env, names), attempts=1), 0)
+    assert episode.outcome == "no_object"
+    assert episode.reason == "not found"
+    assert episode.views == 4
+
+
+def test_what_is_let_go_counts_as_dropped_and_can_be_picked_up_again(env):
+    """A hand that opens on the way up: the policy sees the empty gripper, looks again and succeeds."""
+    obs, info = env.reset(seed=0)
+    policy = ScriptedPolicy(Labels(env))
+    policy.reset(info["target"][0])
+    let_go = 0
+    for _ in range(400):
+        action = policy.act(obs).copy()
+        if (float(info["target_air"]) > 0.07 or let_go) and let_go < 15:
+            action[6] = 0.14
+            let_go += 1
+        obs, _, terminated, _, info = env.step(action)
+        if terminated:
+            break
+    assert let_go > 0
+    assert info["dropped"]
+    assert info["success"]
+    assert policy.log.failures == ["lost while lifting"]
+
+
+# ------------------------------------------------------------------------------------------------------ perception
+
+
+def test_the_camera_pose_from_the_joints_is_the_simulators(env):
+    obs, _ = env.reset(seed=3)
+    percept = read_observation(obs)
+    camera = np.asarray(obs["sensor_param"]["wrist_camera"]["cam2world_gl"][0], float) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    assert percept.T_base_camera == pytest.approx(camera, abs=1e-4)
+
+
+def test_it_sees_each_object_where_it_lies(env):
+    obs, _ = env.reset(seed=3)
+    policy = ScriptedPolicy(Labels(env))
+    view = look(read_observation(obs), policy.segmenter)
+    task = env.unwrapped
+    assert len(view.objects) == 3
+    assert view.plane == pytest.approx([0, 0, 1, 0], abs=2e-3)
+    for actor, model in zip(task.objects, task.models[0], strict=True):
+        place = actor.pose.p[0, :2].numpy()
+        seen = min(view.objects, key=lambda candidate: np.linalg.norm(candidate.centroid[:2] - place))
+        assert np.linalg.norm(seen.centroid[:2] - place) < 0.03
+        assert np.ptp(seen.points, axis=0).max() <= np.linalg.norm(model.extents) + 0.005
+
+
+@pytest.mark.parametrize("key", ["sensor_data", "agent", "extra", "sensor_param"])
+def test_an_observation_that_lacks_something_is_named(env, key):
+    obs, _ = env.reset(seed=3)
+    with pytest.raises(ObservationError, match=key):
+        read_observation({k: v for k, v in obs.items() if k != key})
+
+
+def test_the_gripper_masks_itself_and_nothing_between_its_fingers_and_the_table():
+    T_camera_gripper = np.linalg.inv(np.linalg.inv(T_TOOL0_GRIPPER) @ T_TOOL0_CAMERA)
+    pads = np.array([[0.0, 0.07, 0.18], [0.0, -0.07, 0.18], [0.0, 0.0, 0.05]])
+    elsewhere = np.array([[0.0, 0.0, 0.45], [0.2, 0.0, 0.18], [0.0, 0.25, 0.18]])
+    points = np.concatenate([pads, elsewhere]) @ T_camera_gripper[:3, :3].T + T_camera_gripper[:3, 3]
+    assert gripper_mask(points, 0.14).tolist() == [True] * 3 + [False] * 3
+
+
+def test_two_views_multiply_their_evidence_and_add_their_points():
+    points = np.random.default_rng(0).normal(scale=0.01, size=(50, 3))
+    first = SeenObject(points, True, [{"mouse": 0.6, "can": 0.4}])
+    again = SeenObject(points + 0.01, False, [{"mouse": 0.75, "can": 0.25}])
+    other = SeenObject(points + np.array([0.2, 0, 0]), False, [{"can": 1.0}])
+    merged = merge([first], [again, other])
+    assert len(merged) == 2
+    assert len(merged[0].points) == 100
+    assert not merged[0].touches_border
+    assert merged[0].probabilities()["mouse"] == pytest.approx(0.45 / 0.55)
+
+
+def test_any_callable_is_a_classifier():
+    assert class_probabilities(lambda points: ("mouse", 0.8), np.zeros((3, 3))) == {"mouse": 0.8}
+
+
+@pytest.mark.parametrize(("kwargs", "words"), [({"attempts": 0}, "attempts"), ({"min_confidence": 0.0}, "confidence")])
+def test_arguments_that_make_no_sense_are_named(kwargs, words):
+    with pytest.raises(ValueError, match=words):
+        ScriptedPolicy(lambda points: ("mouse", 1.0), **kwargs)
+
+
+def test_act_before_reset_is_refused(env):
+    obs, _ = env.reset(seed=3)
+    with pytest.raises(RuntimeError, match="reset"):
+        ScriptedPolicy(lambda points: ("mouse", 1.0)).act(obs)
