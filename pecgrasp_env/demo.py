@@ -39,10 +39,13 @@ Say = Callable[[str], None]
 _VERSIONS = ("pecgrasp", "mani-skill", "sapien", "torch", "gymnasium", "numpy", "scipy")
 
 
-def run_demo(settings: Mapping[str, Any], configuration: str = "", say: Say = print) -> dict[str, Any]:
+def run_demo(
+    settings: Mapping[str, Any], configuration: str = "", command: str = "make demo", say: Say = print
+) -> dict[str, Any]:
     """Run all of it, or what is left of it.
 
-    settings: what conf/demo.yaml makes. configuration: the same as text, for the report. say: told what happens.
+    settings: what conf/demo.yaml makes. configuration: the same as text, and command: what was typed, for the report.
+    say: told what happens.
     Returns what is also written to OUT/results.json; OUT/report.html and OUT/video.mp4 lie beside it.
     """
     out = Path(settings["out"])
@@ -91,7 +94,7 @@ def run_demo(settings: Mapping[str, Any], configuration: str = "", say: Say = pr
             durations=spent,
             configuration=configuration,
             versions=versions,
-            commands=["make demo", "", "# or, where it is set up already:", f"python scripts/demo.py out={out}"],
+            commands=[command],
             film=film.name,
         ),
     )

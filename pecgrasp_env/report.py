@@ -223,7 +223,7 @@ def _figure(record: EpisodeRecord, gripper: Gripper) -> str:
     layers = [
         Layer(
             seen.points,
-            f"{_name(seen.label)} {100 * seen.confidence:.0f} %" + (" (chosen)" if seen.chosen else ""),
+            f"{_name(seen.label)} {100 * seen.confidence:.1f} %" + (" (chosen)" if seen.chosen else ""),
             (f"{len(seen.points)} points", f"asked for: {_name(record.episode.target)}"),
         )
         for seen in record.objects

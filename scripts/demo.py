@@ -3,6 +3,7 @@
 import sys
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 
@@ -10,8 +11,10 @@ from omegaconf import DictConfig, OmegaConf
 def main(cfg: DictConfig) -> None:
     from pecgrasp_env.demo import run_demo  # here, so that the processes it starts need not load it all
 
+    overrides = HydraConfig.get().overrides.task
+    command = " ".join(["python scripts/demo.py", *overrides]) if overrides else "make demo"
     try:
-        run_demo(OmegaConf.to_container(cfg, resolve=True), OmegaConf.to_yaml(cfg, resolve=True))
+        run_demo(OmegaConf.to_container(cfg, resolve=True), OmegaConf.to_yaml(cfg, resolve=True), command)
     except KeyboardInterrupt:
         print("\nstopped; the same command goes on from here", file=sys.stderr)
         sys.exit(130)
