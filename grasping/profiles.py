@@ -178,14 +178,11 @@ def _at_depth(bands: Maps, blocked_bands: Maps, tip: float, finger: int, wished:
     np.cumsum(blocked, axis=1, out=counted[:, wished + 1 : wished + 1 + nx])
     counted[:, wished + 1 + nx :] = counted[:, wished + nx, None]
 
-    def before(bins: int) -> NDArray[np.int32]:  # blocked bins among those just left of each bin
-        return counted[:, wished : wished + nx] - counted[:, wished - bins : wished - bins + nx]
-
-    def after(bins: int) -> NDArray[np.int32]:
-        return counted[:, wished + 1 + bins : wished + 1 + bins + nx] - counted[:, wished + 1 : wished + 1 + nx]
-
-    starts = np.flatnonzero(occupied & (before(finger) == 0))
-    ends = np.flatnonzero(occupied & (after(finger) == 0))
+    # counted[:, wished + i] is the number of blocked bins before bin i: equal counts mean a free span between them.
+    free_before = counted[:, wished : wished + nx] == counted[:, wished - finger : wished - finger + nx]
+    free_after = counted[:, wished + 1 + finger : wished + 1 + finger + nx] == counted[:, wished + 1 : wished + 1 + nx]
+    starts = np.flatnonzero(occupied & free_before)
+    ends = np.flatnonzero(occupied & free_after)
     if not len(starts) or not len(ends):
         none = np.empty(0, dtype=np.int64)
         return _Runs(none, none, none, np.empty(0), np.empty(0), np.empty(0, dtype=bool))
@@ -202,9 +199,11 @@ def _at_depth(bands: Maps, blocked_bands: Maps, tip: float, finger: int, wished:
     line = start // nx
     # Of the span from what is needed to what is wished for, the thirds that are free on both sides.
     room = np.zeros(len(start))
+    left, right = wished + start - line * nx, wished + 1 + end - line * nx
     for step in (1, 2, 3):
         bins = finger + (wished - finger) * step // 3
-        free = (before(bins).reshape(-1)[start] == 0) & (after(bins).reshape(-1)[end] == 0)
+        free = counted[line, left] == counted[line, left - bins]
+        free &= counted[line, right] == counted[line, right + bins]
         room += free / 3.0
     # Everything of the object on the line is between the pads where both outermost ends were taken.
     whole = leftmost & rightmost
