@@ -61,7 +61,12 @@ def _train(config: TrainConfig) -> dict[str, Any]:
         config.dataset.samples_per_instance,
         config.preprocess.n_points,
     )
+    if len(dataset.classes) < 2:
+        raise DatasetError(f"{config.dataset.path} has the single class {dataset.classes[0]!r}: nothing to tell apart")
     parts = split(dataset, config.dataset, config.protocol.selection, config.seed)
+    for name, part in zip(("training", "choosing the epoch", "testing"), parts, strict=True):
+        if not len(part):
+            raise DatasetError(f"{config.dataset.path}: {len(dataset)} clouds leave none for {name}")
     prepared = prepare(
         dataset,
         config.preprocess,
@@ -170,12 +175,11 @@ class _Run:
         for name in ("best", "last"):
             checkpoint = read_checkpoint(self.output / name)
             self.model.load_state_dict(checkpoint.model.state_dict())
-            log_probabilities = self._predict(selection)
-            temperature = fit_temperature(log_probabilities, selection.labels)
+            temperature = self._temperature(selection)
             scores = score(self._predict(test), test.labels, temperature)
             results[name] = {
                 "epoch": checkpoint.epoch,
-                "selection_accuracy": score(log_probabilities, selection.labels).accuracy,
+                "selection_accuracy": score(self._predict(selection), selection.labels).accuracy,
                 "test_accuracy": scores.accuracy,
                 "test_loss": scores.loss,
                 "test_per_class": dict(zip(self.classes, scores.per_class, strict=True)),
@@ -188,6 +192,15 @@ class _Run:
             with Tracker(self.output / "tensorboard", None) as tracker:
                 tracker.confusion(name, checkpoint.epoch, self.classes, scores)
         return results
+
+    def _temperature(self, selection: PreparedClouds) -> float:
+        """Fitted on the selection split as it may be met, augmented like the training split.
+
+        On undamaged clouds of known instances nearly every answer is right, and no confidence would be too high.
+        """
+        generator = torch.Generator().manual_seed(self.config.seed)
+        points, valid = augment(selection.candidates, selection.valid, self.config.augment, generator)
+        return fit_temperature(self._predict(replace(selection, candidates=points, valid=valid)), selection.labels)
 
     def _epoch(
         self,

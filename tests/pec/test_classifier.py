@@ -140,6 +140,14 @@ def test_temperature_is_recovered():
     assert expected_calibration_error(overconfident, labels) > 0.05
 
 
+def test_ten_right_answers_are_not_certainty():
+    log_probabilities = torch.full((10, 3), 0.01).log()
+    log_probabilities[:, 0] = torch.tensor(0.98).log()
+    temperature = fit_temperature(log_probabilities, torch.zeros(10, dtype=torch.int64))
+    confidence = (log_probabilities / temperature).softmax(dim=1)[:, 0]
+    assert confidence.numpy() == pytest.approx(11 / 12, abs=0.002)
+
+
 def test_scores_of_a_known_case():
     probabilities = torch.tensor([[0.8, 0.1, 0.1], [0.6, 0.3, 0.1], [0.1, 0.2, 0.7], [0.2, 0.5, 0.3]])
     scores = score(probabilities.log(), torch.tensor([0, 1, 2, 1]))

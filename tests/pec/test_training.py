@@ -56,6 +56,15 @@ def test_results_are_written_and_consistent(run):
     assert list((output / "tensorboard").iterdir())
 
 
+def test_confidence_is_not_driven_to_certainty_by_easy_clouds(run):
+    # With every clean validation cloud right, a temperature fitted on those alone runs to its lower bound of 0.05.
+    output, results = run
+    for name in ("best", "last"):
+        temperature = json.loads((output / name / "config.json").read_text())["temperature"]
+        assert temperature == results[name]["temperature"]
+        assert temperature > 0.06
+
+
 def test_finished_run_is_not_repeated(run, shapes):
     output, results = run
     before = (output / "last" / "model.safetensors").stat().st_mtime_ns
@@ -135,6 +144,19 @@ def test_splits_do_not_overlap_and_instances_stay_apart(shapes):
     official = read_config({"dataset": {"path": "x", "split": "official"}, "output": "y"}).dataset
     with pytest.raises(DatasetError, match="no official split"):
         split(dataset, official, "validation", 0)
+
+
+@pytest.mark.parametrize(
+    ("dataset", "message"),
+    [
+        ({"classes": ["rod"]}, "single class 'rod'"),
+        ({"samples_per_instance": 1}, "6 clouds leave none for choosing the epoch"),
+    ],
+)
+def test_data_that_cannot_be_trained_on_are_an_error(shapes, tmp_path, dataset, message):
+    settings = _settings(shapes, tmp_path)
+    with pytest.raises(DatasetError, match=message):
+        train(settings | {"dataset": settings["dataset"] | dataset})
 
 
 @pytest.mark.parametrize(
