@@ -5,15 +5,13 @@ Everything here is unit-agnostic; the generators work in millimetres and their t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from trimesh.intersections import slice_faces_plane
 
-# What PhysX takes on a GPU.
+# On a GPU PhysX takes 64 of each; a few less, as rounding may split a face that is flat here.
 MAX_HULL_VERTICES = 60
-MAX_HULL_FACES = 64
+MAX_HULL_FACES = 58
 SKIPPED = 0.5  # mm, how far a hull may leave a corner of its slice outside
 
 
@@ -112,32 +110,53 @@ def _fitting_hull(run: np.ndarray, tolerance: float) -> np.ndarray | None:
     return kept if left_outside(points, kept) <= SKIPPED else None
 
 
-def carve(
-    vertices: np.ndarray, faces: np.ndarray, tolerance: float, thinnest: float, axes: Sequence[int] = (0, 1)
-) -> list[np.ndarray]:
-    """Convex hulls of a closed mesh, halved across the given axes until each piece fits.
+def carve(vertices: np.ndarray, faces: np.ndarray, tolerance: float, thinnest: float) -> list[np.ndarray]:
+    """Convex hulls of a closed mesh, halved across x and y until each piece fits.
 
-    A piece is cut while a vertex lies deeper than `tolerance` in its hull, or the simplified hull leaves one further
-    outside than SKIPPED, across the axis that leaves the least volume of hulls; no piece becomes thinner than
-    `thinnest`. vertices (V, 3), faces (F, 3); returns a list of (M, 3) hull vertices.
+    A piece is cut while a vertex or a triangle's centre lies deeper than `tolerance` in its hull, or the simplified
+    hull leaves a vertex further outside than SKIPPED, across the axis that leaves the least volume of hulls; no piece
+    becomes thinner than `thinnest`. Pieces reach through the mesh from below to above, so their surface spans them and
+    no cap is needed. vertices (V, 3), faces (F, 3); returns a list of (M, 3) hull vertices.
     """
     hull = convex_hull(vertices)
     kept = simplify_hull(vertices)
-    if depth_below(vertices, hull).max() <= tolerance and left_outside(vertices, kept) <= SKIPPED:
+    surface = np.concatenate([vertices, vertices[faces].mean(axis=1)])
+    if depth_below(surface, hull).max() <= tolerance and left_outside(vertices, kept) <= SKIPPED:
         return [kept]
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
     best = None
-    for axis in axes:
-        if high[axis] - low[axis] < 2 * thinnest:
+    for axis in (0, 1):
+        if np.ptp(vertices[:, axis]) < 2 * thinnest:
             continue
-        halves = []
-        for sign in (1.0, -1.0):
-            v, f, *_ = slice_faces_plane(vertices, faces, sign * np.eye(3)[axis], (low + high) / 2)
-            used, index = np.unique(f, return_inverse=True)
-            halves.append((v[used], index.reshape(-1, 3)))
-        volume = sum(convex_hull(v).volume for v, _ in halves)
+        # The cut may leave a sliver on one side.
+        halves = [(v, f) for v, f in _halves(vertices, faces, axis) if hull_volume(v) > 1e-4 * hull.volume]
+        volume = sum(hull_volume(v) for v, _ in halves)
         if best is None or volume < best[0]:
             best = volume, halves
     if best is None:
         return [kept]
-    return [piece for v, f in best[1] for piece in carve(v, f, tolerance, thinnest, axes)]
+    return [piece for v, f in best[1] for piece in carve(v, f, tolerance, thinnest)]
+
+
+def split_round(points: np.ndarray, thinnest: float) -> list[np.ndarray]:
+    """The hull of (N, 3) points as simplified hulls, halved across its longest side while one leaves more than SKIPPED.
+
+    For convex bodies too round for one hull of few faces; no piece becomes thinner than `thinnest`.
+    """
+    kept = simplify_hull(points)
+    longest = int(np.ptp(points, axis=0).argmax())
+    if left_outside(points, kept) <= SKIPPED or np.ptp(points[:, longest]) < 2 * thinnest:
+        return [kept]
+    hull = convex_hull(points)
+    return [piece for v, _ in _halves(hull.points, hull.simplices, longest) for piece in split_round(v, thinnest)]
+
+
+def _halves(vertices: np.ndarray, faces: np.ndarray, axis: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The surface on either side of the middle of its extent along an axis, open at the cut."""
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    halves = []
+    for sign in (1.0, -1.0):
+        v, f, *_ = slice_faces_plane(vertices, faces, sign * np.eye(3)[axis], middle)
+        used, index = np.unique(f, return_inverse=True)
+        if len(used) >= 4:
+            halves.append((v[used], index.reshape(-1, 3)))
+    return halves

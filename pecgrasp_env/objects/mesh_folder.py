@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from pecgrasp_env.objects.errors import ObjectError
-from pecgrasp_env.objects.hulls import hull_volume, simplify_hull
+from pecgrasp_env.objects.hulls import hull_volume, split_round
 from pecgrasp_env.objects.mesh_files import cache_folder, write_atomically
 from pecgrasp_env.objects.model import ObjectModel, Part, centre_of_mass
 
@@ -22,12 +22,12 @@ SMALLEST, LARGEST = 0.005, 2.0  # m, the longest side that an object may have
 DENSITY = 500.0  # kg/m³ of the hulls: a household thing, part plastic, part air
 HEAVIEST = 1.5  # kg, so that what is dense in fact or hollow in the mesh can still be lifted
 GREY = (0.35, 0.36, 0.38, 1.0)
-# CoACD stops at this concavity (share of the size). A shallower search than its own default (nodes 20, iterations 150,
-# depth 3, resolution 2000) costs a hollow mug of 16,000 faces 20 s of one core instead of 130, for as many parts.
+# CoACD stops at this concavity (share of the size). The search is shallower than its default (nodes 20, iterations 150,
+# depth 3, resolution 2000), which costs a hollow mug of 16,000 faces more than twice the time for as many parts.
 COACD = {
-    "threshold": 0.06,
-    "max_convex_hull": 48,
-    "preprocess_resolution": 30,
+    "threshold": 0.04,
+    "max_convex_hull": 80,
+    "preprocess_resolution": 50,
     "resolution": 1000,
     "mcts_nodes": 10,
     "mcts_iterations": 60,
@@ -102,7 +102,7 @@ def _load(file: Path, class_name: str, scale: float) -> ObjectModel:
     _check_size(file, mesh, scale)
     hulls = [np.asarray(h, np.float64) * scale for h in convex_parts(mesh)]
     if not hulls:
-        raise ObjectError(f"{file} encloses no volume: a flat sheet cannot be grasped")
+        raise ObjectError(f"{file} encloses no volume: CoACD found no convex part in it")
     centre = centre_of_mass(hulls)
     mass = float(np.clip(DENSITY * sum(hull_volume(h) for h in hulls), 0.02, HEAVIEST))
     vertices = (np.asarray(mesh.vertices) * scale - centre).astype(np.float32)
@@ -120,6 +120,7 @@ def _read(file: Path) -> trimesh.Trimesh:
     if not np.isfinite(mesh.vertices).all():
         raise ObjectError(f"{file} has vertices that are not numbers")
     mesh.merge_vertices()
+    mesh.fill_holes()  # a missing triangle would make CoACD take a solid for a hollow shell
     return mesh
 
 
@@ -136,7 +137,10 @@ def _color(mesh: trimesh.Trimesh) -> tuple[float, float, float, float]:
 
 
 def _check_size(file: Path, mesh: trimesh.Trimesh, scale: float) -> None:
-    longest = float(np.ptp(mesh.vertices[mesh.faces].reshape(-1, 3), axis=0).max()) * scale
+    sides = np.ptp(mesh.vertices[mesh.faces].reshape(-1, 3), axis=0) * scale
+    longest = float(sides.max())
+    if sides.min() < 1e-4 * longest:
+        raise ObjectError(f"{file} is a flat sheet: it encloses no volume")
     if SMALLEST <= longest <= LARGEST:
         return
     message = f"{file} is {longest:.4g} m long, outside {SMALLEST} to {LARGEST} m"
@@ -170,8 +174,12 @@ def convex_parts(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 def _decompose(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
     import coacd  # loads a native library: only when a mesh is decomposed
 
-    size = float(np.ptp(vertices, axis=0).max())
     coacd.set_log_level("error")
     parts = [np.asarray(points, np.float64) for points, _ in coacd.run_coacd(coacd.Mesh(vertices, faces), **COACD)]
-    solid = [p for p in parts if len(p) >= 4 and np.linalg.matrix_rank(p - p[0], tol=1e-4 * size) == 3]
-    return [simplify_hull(p, tolerance=0.002 * size) for p in solid]
+    # As if the mesh were 200 mm long: hull tolerances are millimetres, and the file's unit is not known here.
+    unit = float(np.ptp(vertices, axis=0).max()) / 200
+    pieces = []
+    for part in (p / unit for p in parts):
+        if len(part) >= 4 and np.linalg.matrix_rank(part - part[0], tol=0.02) == 3:
+            pieces += split_round(part, thinnest=10.0)
+    return [p * unit for p in pieces]

@@ -1,0 +1,170 @@
+"""One's own meshes: what is taken, what is cached, what is refused and how."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sapien
+import trimesh
+
+from pecgrasp_env.objects import MeshFolder, ObjectError, open_objects
+from pecgrasp_env.objects import mesh_folder as module
+from pecgrasp_env.objects.mesh_files import cache_folder
+
+REAL = Path(__file__).parents[4] / "shared" / "data" / "meshes"
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+def put(folder: Path, name: str, mesh: trimesh.Trimesh) -> Path:
+    file = folder / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    mesh.export(str(file))
+    return file
+
+
+def brick() -> trimesh.Trimesh:
+    return trimesh.creation.box((0.1, 0.06, 0.04))
+
+
+def test_classes_are_folders_and_instances_are_files(tmp_path):
+    for name in ("brick/b.stl", "brick/a.ply", "brick/c.obj", "brick/d.glb", "ball/x.ply"):
+        put(tmp_path, name, brick())
+    (tmp_path / "brick" / "notes.txt").write_text("not a mesh")
+    (tmp_path / ".git").mkdir()
+    folder = open_objects(tmp_path)
+    assert isinstance(folder, MeshFolder)
+    assert folder.classes == ("ball", "brick")
+    assert folder.names("brick") == ["a", "b", "c", "d"]
+    assert open_objects(tmp_path, classes=["brick"]).classes == ("brick",)
+    for i in range(4):
+        model = folder.load("brick", i)
+        np.testing.assert_allclose(model.extents, [0.1, 0.06, 0.04], atol=1e-6)
+        assert (model.class_name, model.instance) == ("brick", "abcd"[i])
+        assert model.mass == pytest.approx(0.1 * 0.06 * 0.04 * module.DENSITY, rel=0.05)
+        np.testing.assert_allclose(np.concatenate(model.hulls).mean(axis=0), 0, atol=0.003)
+
+
+def test_convex_parts_are_found_once(tmp_path, monkeypatch):
+    put(tmp_path, "brick/a.ply", brick())
+    first = MeshFolder(tmp_path).load("brick", 0)
+    assert [f.suffixes for f in cache_folder().iterdir()] == [[".coacd", ".npz"]]
+
+    def never(vertices, faces):
+        raise AssertionError("decomposed again")
+
+    monkeypatch.setattr(module, "_decompose", never)
+    again = MeshFolder(tmp_path).load("brick", 0)
+    np.testing.assert_array_equal(np.concatenate(first.hulls), np.concatenate(again.hulls))
+    small = MeshFolder(tmp_path, scale=0.5).load("brick", 0)  # the parts of a mesh do not depend on its unit
+    np.testing.assert_allclose(np.concatenate(small.hulls), np.concatenate(first.hulls) / 2, atol=1e-6)
+    put(tmp_path, "brick/a.ply", trimesh.creation.box((0.1, 0.06, 0.05)))
+    with pytest.raises(AssertionError, match="again"):  # another mesh under the same name is another mesh
+        MeshFolder(tmp_path).load("brick", 0)
+
+
+def test_a_concave_mesh_is_cut_and_a_mesh_with_holes_is_taken(tmp_path):
+    cross = trimesh.util.concatenate(
+        [trimesh.creation.box((0.12, 0.02, 0.02)), trimesh.creation.box((0.02, 0.12, 0.02))]
+    )
+    put(tmp_path, "thing/cross.ply", cross)
+    open_ball = trimesh.creation.icosphere(2, 0.04)
+    open_ball.update_faces(np.arange(len(open_ball.faces)) % 40 != 0)
+    put(tmp_path, "thing/holes.ply", open_ball)
+    folder = MeshFolder(tmp_path)
+    assert not open_ball.is_watertight
+    crossed = folder.load("thing", 0)
+    assert len(crossed.hulls) >= 2
+    assert crossed.volume < 2 * (2 * 0.12 - 0.02) * 0.02 * 0.02
+    holed = folder.load("thing", 1)
+    assert holed.volume == pytest.approx(4 / 3 * np.pi * 0.04**3, rel=0.15)
+    assert holed.mass >= 0.02
+
+
+def test_a_light_mesh_weighs_what_a_gripper_can_hold(tmp_path):
+    put(tmp_path, "dice/a.ply", trimesh.creation.box((0.012, 0.012, 0.012)))
+    put(tmp_path, "crate/a.ply", trimesh.creation.box((0.5, 0.5, 0.5)))
+    assert MeshFolder(tmp_path).load("dice", 0).mass == pytest.approx(0.02)
+    assert MeshFolder(tmp_path).load("crate", 0).mass == pytest.approx(module.HEAVIEST)
+
+
+def test_folders_that_are_refused(tmp_path):
+    with pytest.raises(ObjectError, match=r"nowhere.*not a folder"):
+        MeshFolder(tmp_path / "nowhere")
+    with pytest.raises(ObjectError, match="no classes"):
+        MeshFolder(tmp_path)
+    (tmp_path / "brick").mkdir()
+    with pytest.raises(ObjectError, match="brick has no mesh"):
+        MeshFolder(tmp_path)
+    put(tmp_path, "brick/a.ply", brick())
+    with pytest.raises(ObjectError, match=r"'drone'.*brick"):
+        MeshFolder(tmp_path, classes=["drone"])
+    with pytest.raises(ObjectError, match=r"objects\.scale"):
+        MeshFolder(tmp_path, scale=0)
+    folder = MeshFolder(tmp_path)
+    with pytest.raises(ObjectError, match=r"'drone'.*brick"):
+        folder.load("drone", 0)
+    with pytest.raises(ObjectError, match="asked for 1"):
+        folder.load("brick", 1)
+    put(tmp_path, "brick/a.stl", brick())
+    with pytest.raises(ObjectError, match=r"a\.ply.*a\.stl.*rename"):
+        MeshFolder(tmp_path)
+
+
+def test_meshes_that_are_refused_name_their_file(tmp_path):
+    def refused(name: str, match: str, scale: float = 1.0) -> None:
+        with pytest.raises(ObjectError, match=match) as caught:
+            MeshFolder(tmp_path / name, scale).load("thing", 0)
+        assert str(tmp_path / name / "thing") in str(caught.value)
+
+    for name, data in (("garbage.ply", b"\x00\x01garbage"), ("garbage.stl", b""), ("garbage.glb", b"glTF" + bytes(40))):
+        file = tmp_path / name / "thing" / name
+        file.parent.mkdir(parents=True)
+        file.write_bytes(data)
+        refused(name, "cannot be read|no faces")
+    cloud = tmp_path / "cloud" / "thing" / "cloud.ply"
+    cloud.parent.mkdir(parents=True)
+    trimesh.PointCloud(np.random.default_rng(0).normal(size=(50, 3))).export(str(cloud))
+    refused("cloud", "no faces")
+    text = brick().export(file_type="obj").replace("v 0.05", "v nan", 1)
+    (tmp_path / "nan" / "thing").mkdir(parents=True)
+    (tmp_path / "nan" / "thing" / "nan.obj").write_text(text)
+    refused("nan", "not numbers|cannot be read")
+
+    put(tmp_path, "millimetres/thing/a.ply", brick().apply_scale(1000))
+    refused("millimetres", r"100 m long.*millimetres.*objects\.scale=0\.001")
+    MeshFolder(tmp_path / "millimetres", scale=0.001).load("thing", 0)
+    put(tmp_path, "kilometre/thing/a.ply", brick().apply_scale(1e5))
+    refused("kilometre", r"1e\+04 m long.*objects\.scale is 1")
+    put(tmp_path, "speck/thing/a.ply", brick().apply_scale(0.001))
+    refused("speck", r"0\.0001 m long, outside 0\.005 to 2\.0 m")
+
+
+def test_a_flat_sheet_is_refused(tmp_path):
+    sheet = trimesh.Trimesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])
+    put(tmp_path, "thing/sheet.ply", sheet)
+    with pytest.raises(ObjectError, match=r"sheet\.ply.*flat"):
+        MeshFolder(tmp_path).load("thing", 0)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="no real meshes at ../shared/data/meshes")
+@pytest.mark.parametrize("name", ["remote_controller", "toothpaste"])
+def test_real_scans_lie_still_in_the_simulator(name):
+    folder = MeshFolder(REAL / "everyday", classes=[name])
+    for i in range(2):
+        model = folder.load(name, i)
+        scene = sapien.Scene([sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem()])
+        scene.add_ground(0, render=False)
+        builder = model.add_to(scene.create_actor_builder())
+        builder.set_initial_pose(sapien.Pose([0, 0, 0.005 - min(float(h[:, 2].min()) for h in model.hulls)]))
+        entity = builder.build(name)
+        for _ in range(400):
+            scene.step()
+        before = entity.pose.p
+        for _ in range(100):
+            scene.step()
+        assert np.linalg.norm(entity.pose.p - before) < 5e-4
+        assert 0 < entity.pose.p[2] < 0.12
