@@ -71,6 +71,12 @@ install_driver() {
     .venv/bin/python -m pecgrasp_env.doctor || die "the driver is installed, but nothing renders: see the report above"
 }
 
+# ManiSkill imports OpenCV, whose wheel leaves two libraries of a desktop to the system.
+install_opencv_libraries() {
+    apt_install "OpenCV misses system libraries" libgl1 libglib2.0-0
+    .venv/bin/python -c 'import cv2' || die "OpenCV still does not load: see the message above"
+}
+
 # What the environment was made from; a change of it makes it anew.
 wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
 if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
@@ -78,4 +84,5 @@ if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     install_packages
     printf '%s' "$wanted" >.venv/.pecgrasp
 fi
+.venv/bin/python -c 'import cv2' 2>/dev/null || install_opencv_libraries
 .venv/bin/python -m pecgrasp_env.doctor --quiet || install_driver
