@@ -11,7 +11,7 @@ from pecgrasp_env.motion import MotionError, joint_move, lowest_link, lowest_tip
 from pecgrasp_env.robot import tool0_from_grasp
 from pecgrasp_env.views import HOME
 
-LIFT_M = 0.22
+LIFT_M = 0.25  # an object held at one end hangs down
 _OPEN_MARGIN_M = 0.03  # wider than the object, both sides together, where the planner has no wish of its own
 _TIP_CLEARANCE_M = 0.004  # between fingertips and table
 _FINGER_THICKNESS_M = 0.015

@@ -22,6 +22,10 @@ _STEP_S = 0.01
 _LONGEST_FALL_S = 4.0
 _REST_WINDOW_S = 0.2
 _REST_TRAVEL_M = 1e-4
+_PROOF_S = 1.0
+_PROOF_TRAVEL_M = 3e-4
+_FALL_DAMPING = 2.0  # 1/s, stands for rolling friction, which PhysX lacks: without it a can rolls for ever
+_USUAL_DAMPING = 0.05  # PhysX's default
 _DROP_HEIGHT_M = 0.02
 _PRIVATE_SPACING_M = 1.0
 _DROPS = 10
@@ -69,25 +73,38 @@ def settle(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray
         model.add_to(builder)
         builder.visual_records.clear()  # this scene has no renderer
         body = builder.build_physx_component()
-        body.angular_damping = 2.0  # stands for rolling friction, which PhysX lacks: without it a can rolls for ever
         _add(scene, body, sapien.Pose(pose[:3], pose[3:]))
         bodies.append(body)
 
-    window = round(_REST_WINDOW_S / _STEP_S)
-    before = np.full((len(bodies), 3), np.inf)
-    travel = np.full(len(bodies), np.inf)
+    for body in bodies:
+        body.angular_damping = _FALL_DAMPING
     for _ in range(round(_LONGEST_FALL_S / _REST_WINDOW_S)):
-        for body in bodies:
-            body.wake_up()  # PhysX lets slow bodies sleep, a box that is about to topple over its edge too
-        for _ in range(window):
-            scene.step()
-        now = np.array([body.entity.pose.p for body in bodies])
-        travel = np.linalg.norm(now - before, axis=1)
-        before = now
-        if (travel < _REST_TRAVEL_M).all():
+        before = _poses(bodies)
+        _step(scene, _REST_WINDOW_S)
+        if (_travel(before, _poses(bodies)) < _REST_TRAVEL_M).all():
             break
-    ends = np.array([np.concatenate([body.entity.pose.p, body.entity.pose.q]) for body in bodies])
-    return ends, (travel < _REST_TRAVEL_M) & (ends[:, 2] > 0)
+    # Damping also slows what still tips over or rolls: without it, and from a standstill, the pose must last.
+    for body in bodies:
+        body.angular_damping = _USUAL_DAMPING
+        body.linear_velocity = body.angular_velocity = np.zeros(3)
+    before = _poses(bodies)
+    _step(scene, _PROOF_S)
+    ends = _poses(bodies)
+    return ends, (_travel(before, ends) < _PROOF_TRAVEL_M) & (ends[:, 2] > 0)
+
+
+def _step(scene: sapien.Scene, seconds: float) -> None:
+    for _ in range(round(seconds / _STEP_S)):
+        scene.step()
+
+
+def _poses(bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> np.ndarray:
+    return np.array([np.concatenate([body.entity.pose.p, body.entity.pose.q]) for body in bodies])
+
+
+def _travel(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """How far each object's origin has moved (k,), m."""
+    return np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
 
 
 def lay_out(models: Sequence[ObjectModel], rng: np.random.Generator, region: Region, clearance: float) -> np.ndarray:

@@ -34,6 +34,9 @@ _LONGEST_CLOSING_STEPS = 30
 _OPENING_STEPS = 10
 _SAFE_TOOL_M = 0.45  # height of tool0 at which the fingertips pass over everything on the table
 _SETTLED_RAD = 0.01
+# Following a path of half speed the arm lags by 0.015 rad and the opening by less than 0.1 mm.
+_BLOCKED_RAD = 0.03
+_BLOCKED_OPENING_M = 0.0015
 _LONGEST_SETTLING_STEPS = 15
 
 
@@ -198,7 +201,12 @@ class ScriptedPolicy:
         self.log.doing = "moving over the object"
         percept = yield from self._go(approach.to_pregrasp, percept, opening=approach.opening)
         self.log.doing = "coming down"
-        percept = yield from self._go(approach.to_grasp, percept, opening=approach.opening, speed=_APPROACH_SPEED)
+        percept = yield from self._go(
+            approach.to_grasp, percept, opening=approach.opening, speed=_APPROACH_SPEED, careful=True
+        )
+        if self._blocked(percept, approach.opening):
+            self.log.failures.append("touched something on the way down")
+            return False, percept
         self.log.doing = "closing"
         percept = yield from self._close(percept)
         if percept.opening < _EMPTY_OPENING_M:
@@ -235,15 +243,24 @@ class ScriptedPolicy:
         self._command = np.array([*q, opening, _FORCE_N], np.float32)
         return self._command
 
-    def _go(self, waypoints: np.ndarray, percept: Percept, *, opening: float, speed: float = 1.0) -> Steps:
-        """Follow joint waypoints (K, 6) and wait until the arm has arrived."""
+    def _go(
+        self, waypoints: np.ndarray, percept: Percept, *, opening: float, speed: float = 1.0, careful: bool = False
+    ) -> Steps:
+        """Follow joint waypoints (K, 6) and wait until the arm is there; ``careful`` stops where something resists."""
         for q in time_law(waypoints, self.control_dt, speed):
             percept = yield self._action(q, opening)
+            if careful and self._blocked(percept, opening):
+                return (yield self._action(percept.q, opening))
         for _ in range(_LONGEST_SETTLING_STEPS):
             if np.abs(percept.q - waypoints[-1]).max() < _SETTLED_RAD:
                 break
             percept = yield self._action(waypoints[-1], opening)
         return percept
+
+    def _blocked(self, percept: Percept, opening: float) -> bool:
+        """Whether the arm or the fingers are kept from where they were sent, further than they lag by themselves."""
+        lag = float(np.abs(percept.q - self._command[:6]).max())
+        return lag > _BLOCKED_RAD or abs(percept.opening - opening) > _BLOCKED_OPENING_M
 
     def _close(self, percept: Percept) -> Steps:
         """Close and wait until the fingers stand still, on something or on each other."""

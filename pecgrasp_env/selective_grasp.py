@@ -35,6 +35,10 @@ LANDED_HEIGHT = 0.02
 OFF_TABLE_HEIGHT = -0.02  # m, height of a lowest point below which an object has left the table
 STILL_SPEED = 0.02  # m/s
 
+# m/s at which PhysX may push overlapping bodies apart. Without a limit, its default, an object that a finger of the
+# stiff arm comes down on is shot away at 6 m/s; at 0.5 m/s pads sink into thin objects and let them go.
+MAX_DEPENETRATION_SPEED = 2.0
+
 # Streams of random numbers of one episode: which objects and how they lie are drawn apart.
 _CHOICE, _LAYOUT, _NOISE = 0, 1, 2
 
@@ -236,6 +240,8 @@ class SelectiveGraspEnv(BaseEnv):
             builder.set_scene_idxs([i])
             builder.initial_pose = sapien.Pose([0.5, 0.3 * slot, 0.5])
             parts.append(builder.build(name=f"object_{slot}_{i}"))
+            for body in parts[-1]._bodies:
+                body.max_depenetration_velocity = MAX_DEPENETRATION_SPEED
             self.remove_from_state_dict_registry(parts[-1])
         actor = Actor.merge(parts, name=f"object_{slot}")
         self.add_to_state_dict_registry(actor)
