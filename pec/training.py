@@ -47,8 +47,11 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     if finished is not None:
         return finished
     torch.set_flush_denormal(True)  # weights that decay towards zero otherwise slow a CPU down many times
-    with torch_threads(config.threads):
-        results = _train(config)
+    try:
+        with torch_threads(config.threads):
+            results = _train(config)
+    finally:
+        torch.set_flush_denormal(False)  # it holds for all arithmetic of the process, the caller's too
     _write_json(output / "results.json", results)
     return results
 

@@ -183,3 +183,10 @@ def test_training_flushes_denormals_and_leaves_the_threads_as_they_were(run):
     with torch_threads(before + 1):
         assert torch.get_num_threads() == before + 1
     assert torch.get_num_threads() == before
+
+
+def test_training_leaves_the_arithmetic_of_the_process_alone(shapes, tmp_path):
+    train(_settings(shapes, tmp_path / "run", protocol={"epochs": 1}))
+    smallest = np.nextafter(np.float64(0), np.float64(1))
+    assert smallest * np.float64(1) > 0
+    assert torch.full((64,), 1e-310, dtype=torch.float64).mul(1.0).min() > 0
