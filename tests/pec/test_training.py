@@ -177,8 +177,7 @@ def test_bad_setting_is_named_with_its_value(change, message):
         read_config({"dataset": {"path": "x"}, "output": "y"} | change)
 
 
-def test_training_flushes_denormals_and_leaves_the_threads_as_they_were(run):
-    assert (torch.tensor(1e-40) * 1.0).item() == 0.0
+def test_threads_are_as_they_were_afterwards():
     before = torch.get_num_threads()
     with torch_threads(before + 1):
         assert torch.get_num_threads() == before + 1
