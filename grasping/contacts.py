@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from grasping.profiles import Holds
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 CONTOUR_ROWS = 5  # parts of a pad's width over which each contour is drawn
 TOUCHING = 0.006  # m: a contour farther behind the outermost part does not help to hold
@@ -19,6 +20,7 @@ BESIDE = 0.003  # m on either side of a finger that must be free as well
 SEARCH = 0.006  # m beyond the coarse extent in which the object's outermost points are looked for
 MOST_TURN = 0.15  # rad in one step: half of the scan's step and what its resolution adds
 STEPS = 2
+_SIDES = np.array([[1.0], [-1.0]])
 
 
 @dataclass(frozen=True)
@@ -49,95 +51,99 @@ def refine(
 ) -> Contacts:
     """Turn and centre each hold on the points between its pads.
 
-    xy (N, 2) with heights (N,): the object. blocker_xy (K, 2) with heights: anything else that a finger could hit.
+    xy (N, 2) with heights (N,), rising: the object. blocker_xy (K, 2) with heights: what else a finger could hit.
     """
     half = 0.5 * pad_width
     heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
     reach = 0.5 * holds.width + SEARCH
+    # Farther than this no point is between the pads or in the fingers' way, however a hold is turned and moved.
+    far = float(reach.max()) + half + BESIDE + STEPS * SEARCH + wished_room
+    near = np.flatnonzero(
+        (height > tip.min())
+        & (np.abs(xy[:, 0] - x.mean()) < far + np.ptp(x))
+        & (np.abs(xy[:, 1] - y.mean()) < far + np.ptp(y))
+    )
+    points, height = _homogeneous(xy[near]), height[near]
     above = height > tip[:, None]
     for step in range(STEPS + 1):
-        along, across = _turned(xy, heading, x, y)
+        along, across = _turned(points, heading, x, y)
         between = above & (np.abs(across) <= half) & (np.abs(along) <= reach[:, None])
-        low, high = _contours(along, across, between, half)
-        left, right = _slopes(low, pad_width), _slopes(high, pad_width)
-        start, end = low.min(axis=1), high.max(axis=1)
-        empty = ~np.isfinite(start) | (between.sum(axis=1) < 3)
-        start, end = np.where(empty, 0.0, start), np.where(empty, 0.0, end)
-        if step == STEPS:
-            break
+        hold, point = np.nonzero(between)
+        u = along[hold, point]
+        contour = _contours(hold, u, across[hold, point], half, len(tip))
+        slope = _slopes(contour, pad_width) * _SIDES
+        # Both contours run outwards from the middle of the hold: the pads stand at −start and end.
+        outermost = contour.min(axis=2)
+        empty = ~np.isfinite(outermost[0]) | (np.bincount(hold, minlength=len(tip)) < 3)
+        outermost[:, empty] = 0.0
+        start, end = outermost[0], -outermost[1]
         middle = 0.5 * (start + end)
         x, y = x + np.cos(heading) * middle, y + np.sin(heading) * middle
-        heading = heading - np.clip(np.arctan(0.5 * (left + right)), -MOST_TURN, MOST_TURN)
-    middle = 0.5 * (start + end)
-    x, y = x + np.cos(heading) * middle, y + np.sin(heading) * middle
+        if step < STEPS:
+            heading = heading - np.clip(np.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
 
-    def top_at(side: NDArray[np.bool_]) -> FloatArray:
-        return np.where(between & side, height, -np.inf).max(axis=1)
-
-    tops = np.minimum(top_at(along <= start[:, None] + CONTACT_BAND), top_at(along >= end[:, None] - CONTACT_BAND))
-    gap = np.minimum(
-        _gap(along, across, above, start, end, half, wished_room),
-        _gap(
-            *_turned(blocker_xy, heading, x - np.cos(heading) * middle, y - np.sin(heading) * middle),
-            blocker_height > tip[:, None],
-            start,
-            end,
-            half,
-            wished_room,
-        ),
-    )
+    u, top = np.stack([u, -u]), np.full((2, len(tip)), -np.inf)
+    for side in (0, 1):
+        touched = u[side] <= outermost[side, hold] + CONTACT_BAND
+        np.maximum.at(top[side], hold[touched], height[point[touched]])
+    gap = _gap(along, across, above, start, end, half, wished_room)
+    if len(blocker_xy):
+        along, across = _turned(
+            _homogeneous(blocker_xy), heading, x - np.cos(heading) * middle, y - np.sin(heading) * middle
+        )
+        gap = np.minimum(gap, _gap(along, across, blocker_height > tip[:, None], start, end, half, wished_room))
     return Contacts(
         heading=heading,
         x=x,
         y=y,
         tip=tip,
         width=end - start,
-        angle=np.maximum(np.abs(np.arctan(left)), np.abs(np.arctan(right))),
-        contact=np.minimum(_support(low - start[:, None]), _support(end[:, None] - high)),
-        overlap=np.where(empty, 0.0, tops - tip),
+        angle=np.abs(np.arctan(slope)).max(axis=0),
+        contact=_support(contour - outermost[:, :, None]).min(axis=0),
+        overlap=np.where(empty, 0.0, top.min(axis=0) - tip),
         gap=gap,
         empty=empty,
     )
 
 
+def _homogeneous(xy: FloatArray) -> FloatArray:
+    return np.stack([xy[:, 0], xy[:, 1], np.ones(len(xy))])
+
+
 def _turned(points: FloatArray, heading: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(M, N) coordinates along and across the closing axes of holds at (x, y)."""
-    cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    dx, dy = points[:, 0] - x[:, None], points[:, 1] - y[:, None]
-    return cos * dx + sin * dy, cos * dy - sin * dx
+    """(M, N) coordinates along and across the closing axes of holds at (x, y) of homogeneous points (3, N)."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    along = np.column_stack([cos, sin, -cos * x - sin * y])
+    across = np.column_stack([-sin, cos, sin * x - cos * y])
+    return along @ points, across @ points
 
 
-def _contours(
-    along: FloatArray, across: FloatArray, between: NDArray[np.bool_], half: float
-) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest coordinate in each row of the pad's width, (M, CONTOUR_ROWS); inf and −inf where empty."""
-    hold, point = np.nonzero(between)
-    u, v = along[hold, point], across[hold, point]
+def _contours(hold: IntArray, u: FloatArray, v: FloatArray, half: float, count: int) -> FloatArray:
+    """(2, M, CONTOUR_ROWS) least u and least −u in each row of the pad's width, inf where it is empty.
+
+    u, v: (P,) along and across the closing axis of the point's hold.
+    """
     row = np.minimum(((v + half) * (CONTOUR_ROWS / (2 * half))).astype(np.int64), CONTOUR_ROWS - 1)
     key = hold * CONTOUR_ROWS + row
-    order = np.argsort(u)
-    key, u = key[order], u[order]
-    low = np.full(len(between) * CONTOUR_ROWS, np.inf)
-    high = np.full(len(between) * CONTOUR_ROWS, -np.inf)
-    high[key] = u  # of several values for one place the last one written stays
-    low[key[::-1]] = u[::-1]
-    return low.reshape(-1, CONTOUR_ROWS), high.reshape(-1, CONTOUR_ROWS)
+    contour = np.full((2, count * CONTOUR_ROWS), np.inf)
+    np.minimum.at(contour[0], key, u)
+    np.minimum.at(contour[1], key, -u)
+    return contour.reshape(2, count, CONTOUR_ROWS)
 
 
 def _slopes(contour: FloatArray, pad_width: float) -> FloatArray:
-    """Least-squares slope (M,) of each contour over those of its rows that are there; 0 where fewer than two are."""
+    """Least-squares slopes (2, M) of contours over those of their rows that are there; 0 where fewer than two are."""
     there = np.isfinite(contour)
-    count = np.maximum(there.sum(axis=1), 1)[:, None]
+    count = np.maximum(there.sum(axis=2, keepdims=True), 1)
     value = np.where(there, contour, 0.0)
-    value = np.where(there, value - value.sum(axis=1, keepdims=True) / count, 0.0)
-    v = np.arange(CONTOUR_ROWS) * (pad_width / CONTOUR_ROWS) * there
-    v = np.where(there, v - v.sum(axis=1, keepdims=True) / count, 0.0)
-    return (v * value).sum(axis=1) / np.maximum((v * v).sum(axis=1), 1e-12)
+    v = np.where(there, np.arange(CONTOUR_ROWS) * (pad_width / CONTOUR_ROWS), 0.0)
+    v = np.where(there, v - v.sum(axis=2, keepdims=True) / count, 0.0)
+    return (v * value).sum(axis=2) / np.maximum((v * v).sum(axis=2), 1e-12)
 
 
 def _support(behind: FloatArray) -> FloatArray:
-    """Share (M,) of the pad that touches, from how far each row of the contour lies behind the outermost point."""
-    return np.clip((TOUCHING - behind) / (TOUCHING - ROUGHNESS), 0.0, 1.0).mean(axis=1)
+    """Share of the pad that touches, from how far each row of the contour lies behind the outermost point."""
+    return np.clip((TOUCHING - behind) / (TOUCHING - ROUGHNESS), 0.0, 1.0).mean(axis=-1)
 
 
 def _gap(
@@ -150,8 +156,7 @@ def _gap(
     most: float,
 ) -> FloatArray:
     """Free space (M,) beside start … end. What is nearer than TOUCHING belongs to the contact itself."""
-    if not along.shape[1]:
-        return np.full(len(along), most)
-    distance = np.maximum(start[:, None] - along, along - end[:, None])
+    distance = np.abs(along - (0.5 * (start + end))[:, None])
+    distance -= (0.5 * (end - start))[:, None]
     in_the_way = above & (np.abs(across) <= half + BESIDE) & (distance >= TOUCHING)
-    return np.where(in_the_way, distance, most).min(axis=1, initial=most)
+    return np.min(distance, axis=1, initial=most, where=in_the_way)

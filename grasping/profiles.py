@@ -18,7 +18,7 @@ Maps = NDArray[np.float32]
 
 X_STEP = 0.003  # m, resolution along the closing axis
 ROWS = 3  # rows of the map under one pad's width
-MEASURED = 250  # runs whose contours are measured; those nearest to the centre, narrow, deep and free come first
+MEASURED = 160  # runs whose contours are measured; those nearest to the centre, narrow, deep and free come first
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,11 @@ class Holds:
 
 @dataclass(frozen=True)
 class Scan:
-    """All holds, and for how many of the lines that cross the object each condition was the one that failed."""
+    """All holds, and of the lines across the object that are too wide to hold their number and least width, m."""
 
     holds: Holds
-    lines: int
-    blocked: int
     too_wide: int
-    narrowest: float  # m, the least width of a line that was too wide
+    narrowest: float
 
 
 def scan(
@@ -67,44 +65,37 @@ def scan(
     greatest_width: float,
     centre: FloatArray,
 ) -> Scan:
-    """Find every hold of an object given as points seen along the approach.
+    """Find every hold of an object given as points seen along the approach, in rising height.
 
     xy (N, 2) with the origin in the middle of the object, height (N,) against the approach; likewise of the obstacles.
     tips: heights to try. headings: angles of the closing axis to try. finger_room: free space that a finger needs
     beside the object; wished_room: what it had better have. centre: (2,) near which holds are preferred.
     """
     row = pad_width / ROWS
-    radius = float(np.sqrt((xy**2).sum(axis=1).max()))
+    radius = float(np.sqrt(np.square(xy.T).sum(axis=0).max()))
     ny = 2 * int(np.ceil(radius / row)) + 3
     nx = 2 * int(np.ceil((radius + wished_room) / X_STEP)) + 3
     maps = _height_maps(xy, height, headings, row, (ny, nx))
     bands = _band(maps)
-    blocked_bands = bands
+    walls = bands
     if len(obstacle_xy):
-        blocked_bands = np.maximum(bands, _band(_height_maps(obstacle_xy, obstacle_height, headings, row, (ny, nx))))
-
+        walls = np.maximum(bands, _band(_height_maps(obstacle_xy, obstacle_height, headings, row, (ny, nx))))
     finger = int(np.ceil(finger_room / X_STEP))
     wished = max(finger, int(np.ceil(wished_room / X_STEP)))
-    parts, lines, blocked, too_wide, narrowest = [], 0, 0, 0, np.inf
-    for tip in tips:
-        found = _at_depth(bands, blocked_bands, float(tip), finger, wished)
-        width = (found.end - found.start + 1) * X_STEP
-        crossed = int((bands > tip).any(axis=2).sum())
-        lines += crossed
-        blocked += crossed - len(np.unique(found.line))
-        fits = width <= greatest_width
-        too_wide += int((~fits).sum())
-        if not fits.all():
-            narrowest = min(narrowest, float(width[~fits].min()))
-        parts.append(found.take(fits))
-    runs = _Runs(*(np.concatenate([getattr(part, name) for part in parts]) for name in _Runs.__dataclass_fields__))
+    runs = _pairs(bands.reshape(-1, nx), walls.reshape(-1, nx), tips, finger, wished)
+    width = (runs.end - runs.start + 1) * X_STEP
+    fits = width <= greatest_width
+    too_wide = len(fits) - int(fits.sum())
+    narrowest = float(width[~fits].min()) if too_wide else np.inf
+    if too_wide:
+        runs = runs.take(fits)
     place = _Places(bands, headings, row)
     if len(runs.line) > MEASURED:
         x, y = place.centres(runs)
         cost = np.hypot(x - centre[0], y - centre[1]) + 0.3 * (runs.end - runs.start) * X_STEP
         cost -= 0.02 * np.minimum(place.overlap(runs), 0.03) / 0.03 + 0.01 * runs.room
         runs = runs.take(np.sort(np.argpartition(cost, MEASURED)[:MEASURED]))
-    return Scan(_measure(maps, runs, place), lines, blocked, too_wide, narrowest)
+    return Scan(_measure(maps, runs, place), too_wide, narrowest)
 
 
 @dataclass(frozen=True)
@@ -116,10 +107,9 @@ class _Runs:
     end: IntArray
     tip: FloatArray
     room: FloatArray
-    whole: NDArray[np.bool_]
 
     def take(self, index: IntArray | NDArray[np.bool_]) -> _Runs:
-        return _Runs(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+        return _Runs(self.line[index], self.start[index], self.end[index], self.tip[index], self.room[index])
 
 
 @dataclass(frozen=True)
@@ -138,7 +128,7 @@ class _Places:
         heading, row = self.heading_and_row(runs)
         along = (0.5 * (runs.start + runs.end + 1 - self.bands.shape[2])) * X_STEP
         across = (row + 0.5 - 0.5 * self.bands.shape[1]) * self.row
-        cos, sin = np.cos(self.headings[heading]), np.sin(self.headings[heading])
+        cos, sin = np.cos(self.headings)[heading], np.sin(self.headings)[heading]
         return cos * along - sin * across, sin * along + cos * across
 
     def overlap(self, runs: _Runs) -> FloatArray:
@@ -152,16 +142,20 @@ class _Places:
 def _height_maps(xy: FloatArray, height: FloatArray, headings: FloatArray, row: float, shape: tuple[int, int]) -> Maps:
     """(headings, ny, nx) greatest height in each cell of the map turned by each heading, −inf where it is empty."""
     ny, nx = shape
-    order = np.argsort(height)  # of points in one cell the last one written, the highest, stays
-    x, y = xy[order].T
-    cos, sin = np.cos(headings)[:, None], np.sin(headings)[:, None]
-    column = np.floor((cos * x + sin * y) / X_STEP + 0.5 * nx).astype(np.int64)
-    line = np.floor((cos * y - sin * x) / row + 0.5 * ny).astype(np.int64)
-    inside = (column >= 0) & (column < nx) & (line >= 0) & (line < ny)
-    flat = (np.arange(len(headings))[:, None] * ny + line) * nx + column
-    maps = np.full((len(headings), ny, nx), -np.inf, dtype=np.float32)
-    maps.reshape(-1)[flat[inside]] = np.broadcast_to(height[order], flat.shape)[inside]
-    return maps
+    cos, sin = np.cos(headings), np.sin(headings)
+    # One more column and line on either side take what lies outside of the map.
+    column = np.column_stack([cos, sin]) * (1.0 / X_STEP) @ xy.T
+    column += 0.5 * nx + 1.0
+    line = np.column_stack([-sin, cos]) * (1.0 / row) @ xy.T
+    line += 0.5 * ny + 1.0
+    flat = np.clip(line, 0, ny + 1, out=line).astype(np.int64)
+    flat += np.arange(len(headings))[:, None] * (ny + 2)
+    flat *= nx + 2
+    flat += np.clip(column, 0, nx + 1, out=column).astype(np.int64)
+    maps = np.full((len(headings), ny + 2, nx + 2), -np.inf, dtype=np.float32)
+    # Of the points in one cell the last one written, the highest, stays.
+    maps.reshape(-1)[flat] = height.astype(np.float32)
+    return np.ascontiguousarray(maps[:, 1:-1, 1:-1])
 
 
 def _band(maps: Maps) -> Maps:
@@ -169,61 +163,66 @@ def _band(maps: Maps) -> Maps:
     return np.maximum(np.maximum(maps[:, :-2], maps[:, 1:-1]), maps[:, 2:])
 
 
-def _at_depth(bands: Maps, blocked_bands: Maps, tip: float, finger: int, wished: int) -> _Runs:
-    """Pair free places with free places: to the next one (a part of the object) and to the last one (all of it)."""
-    nx = bands.shape[2]
-    occupied = (bands > tip).reshape(-1, nx)
-    blocked = (blocked_bands > tip).reshape(-1, nx)
-    counted = np.zeros((len(blocked), nx + 1 + 2 * wished), dtype=np.int32)
-    np.cumsum(blocked, axis=1, out=counted[:, wished + 1 : wished + 1 + nx])
-    counted[:, wished + 1 + nx :] = counted[:, wished + nx, None]
+def _pairs(bands: Maps, walls: Maps, tips: FloatArray, finger: int, wished: int) -> _Runs:
+    """Pair free places with free places: to the next one (a part of the object) and to the last one (all of it).
 
-    # counted[:, wished + i] is the number of blocked bins before bin i: equal counts mean a free span between them.
-    free_before = counted[:, wished : wished + nx] == counted[:, wished - finger : wished - finger + nx]
-    free_after = counted[:, wished + 1 + finger : wished + 1 + finger + nx] == counted[:, wished + 1 : wished + 1 + nx]
+    bands, walls: (lines, nx) heights of the object, and of everything. finger, wished: bins of room beside the object.
+    """
+    count, nx = bands.shape
+    padded = np.full((count, nx + 2 * wished), -np.inf, dtype=np.float32)
+    padded[:, wished : wished + nx] = walls
+    beside = _highest_in_window(padded, finger)
+    level = tips.astype(np.float32)[:, None, None]
+    occupied = bands > level
+    free_before = beside[:, wished - finger : wished - finger + nx] <= level
+    free_after = beside[:, wished + 1 : wished + 1 + nx] <= level
     starts = np.flatnonzero(occupied & free_before)
     ends = np.flatnonzero(occupied & free_after)
     if not len(starts) or not len(ends):
         none = np.empty(0, dtype=np.int64)
-        return _Runs(none, none, none, np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+        return _Runs(none, none, none, np.empty(0), np.empty(0))
     line = starts // nx
     nearest = np.minimum(np.searchsorted(ends, starts), len(ends) - 1)
     last = np.searchsorted(ends, (line + 1) * nx) - 1
-    first_start = np.concatenate([[True], line[1:] != line[:-1]])
-    valid = (ends[nearest] >= starts) & (ends[nearest] // nx == line)
+    valid = (last >= nearest) & (ends[nearest] >= starts)
     several = valid & (last > nearest)
     start = np.concatenate([starts[valid], starts[several]])
     end = np.concatenate([ends[nearest[valid]], ends[last[several]]])
-    leftmost = np.concatenate([first_start[valid], first_start[several]])
-    rightmost = np.concatenate([last[valid] == nearest[valid], np.ones(int(several.sum()), dtype=bool)])
     line = start // nx
-    # Of the span from what is needed to what is wished for, the thirds that are free on both sides.
-    room = np.zeros(len(start))
-    left, right = wished + start - line * nx, wished + 1 + end - line * nx
-    for step in (1, 2, 3):
-        bins = finger + (wished - finger) * step // 3
-        free = counted[line, left] == counted[line, left - bins]
-        free &= counted[line, right] == counted[line, right + bins]
-        room += free / 3.0
-    # Everything of the object on the line is between the pads where both outermost ends were taken.
-    whole = leftmost & rightmost
-    first_occupied = occupied.argmax(axis=1)[line]
-    last_occupied = nx - 1 - occupied[:, ::-1].argmax(axis=1)[line]
-    whole &= (first_occupied >= start - line * nx) & (last_occupied <= end - line * nx)
-    return _Runs(line, start - line * nx, end - line * nx, np.full(len(line), tip), room, whole)
+    start, end = start - line * nx, end - line * nx
+    depth, line = np.divmod(line, count)
+    # Of the bins from what is needed to what is wished for, those up to the first that is taken on either side.
+    free = np.ones(len(line), dtype=bool)
+    room = np.zeros(len(line))
+    limit, left, right = level[depth, 0, 0], start + wished, end + wished
+    for bins in range(finger + 1, wished + 1):
+        free &= np.maximum(padded[line, left - bins], padded[line, right + bins]) <= limit
+        room += free
+    return _Runs(line, start, end, tips[depth], room / max(wished - finger, 1))
+
+
+def _highest_in_window(heights: Maps, size: int) -> Maps:
+    """(lines, n) → (lines, n − size + 1) greatest of the `size` bins from each bin on."""
+    window = 1
+    while window < size:
+        step = min(window, size - window)
+        heights = np.maximum(heights[:, :-step], heights[:, step:])
+        window += step
+    return heights
 
 
 def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
-    """The contours of each run: the three rows under the pad on either side."""
+    """The contours of each run, three rows under the pad on either side, and whether it is the whole of its line."""
     nx = maps.shape[2]
     heading, band_row = place.heading_and_row(runs)
     bins = np.arange(nx)
+    above = maps[heading[:, None], band_row[:, None] + np.arange(ROWS)] > runs.tip.astype(np.float32)[:, None, None]
     inside = (bins >= runs.start[:, None]) & (bins <= runs.end[:, None])
-    rows = band_row[:, None] + np.arange(ROWS)
-    occupied = (maps[heading[:, None], rows] > runs.tip[:, None, None]) & inside[:, None, :]
-    present = np.asarray(occupied.any(axis=2))
-    left = _slope(occupied.argmax(axis=2), present, place.row)
-    right = _slope(nx - 1 - occupied[:, :, ::-1].argmax(axis=2), present, place.row)
+    whole = ~(above.any(axis=1) & ~inside).any(axis=1)
+    above &= inside[:, None, :]
+    present = np.asarray(above.any(axis=2))
+    left = _slope(above.argmax(axis=2), present, place.row)
+    right = _slope(nx - 1 - above[:, :, ::-1].argmax(axis=2), present, place.row)
     turn = np.arctan(0.5 * (left + right))
     x, y = place.centres(runs)
     return Holds(
@@ -235,7 +234,7 @@ def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
         overlap=place.overlap(runs),
         angle=np.maximum(np.abs(np.arctan(left) - turn), np.abs(np.arctan(right) - turn)),
         room=runs.room,
-        whole=runs.whole,
+        whole=whole,
     )
 
 
