@@ -1,5 +1,6 @@
 """Captured clouds against the geometry they were rendered from, and the promises of the data set on disk."""
 
+import hashlib
 import json
 import os
 import signal
@@ -46,10 +47,10 @@ def in_object_frame(sample) -> np.ndarray:
     return (sample.points - T[:3, 3]) @ T[:3, :3]
 
 
-def contents(directory: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(directory)): path.read_bytes() for path in sorted(directory.rglob("*")) if path.is_file()
-    }
+def contents(directory: Path) -> dict[str, str]:
+    """Hash of every file: equal exactly where the bytes are, and a difference is shown in a line."""
+    files = sorted(path for path in directory.rglob("*") if path.is_file())
+    return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 @pytest.fixture(scope="module")
