@@ -17,7 +17,7 @@ CYLINDER_BELOW = 0.40
 
 def primitive_of(sigma: NDArray[np.float64]) -> Primitive:
     """Name the primitive of a region from the σ (M,) of its points. The names depend on neighbourhood and view."""
-    delta = float(np.mean(sigma <= FLAT)) if len(sigma) else 0.0
+    delta = int(np.count_nonzero(sigma <= FLAT)) / len(sigma) if len(sigma) else 0.0
     if delta < SPHERE_BELOW:
         return "sphere"
     return "cylinder" if delta < CYLINDER_BELOW else "box"

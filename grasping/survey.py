@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from grasping.views import View, last_in_cells
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-THINNED = 200  # cells of the footprint, on the highest point in each of which σ is measured
+THINNED = 150  # cells of the footprint, on the highest point in each of which σ is measured
 NEIGHBOURS = 10
 PART_GAP = 0.010  # m along the closing axis at which a slab falls apart: less than that no finger enters
 SIMILAR_LENGTH = 0.008  # m, as published
@@ -62,44 +63,47 @@ def survey(view: View, holds: Holds | None, slab_height: float, greatest_width: 
     length = max(top - bottom, 1e-9)
     count = max(1, round(length / slab_height))
     slab_of = np.minimum(((top - y) * (count / length)).astype(np.int64), count - 1)
-    parts, corners, sides = [], [], []
-    for slab in range(count):
-        members = np.flatnonzero(slab_of == slab)
-        for cluster, part in _parts(members, x[members]):
-            across, along = x[part], y[part]
-            first, last = int(across.argmin()), int(across.argmax())
-            parts.append((slab, cluster, part))
-            corners.append((float(across[first]), float(along.min()), float(across[last]), float(along.max())))
-            sides += [part[first], part[last]]
-    low, high = np.hsplit(np.array(corners).reshape(-1, 4), 2)
+    order = np.lexsort((x, slab_of))
+    local, x, y = local[order], x[order], y[order]
+    parts = _parts(x, slab_of[order])
+    starts, stops = np.array([part[2:] for part in parts], dtype=np.int64).reshape(-1, 2).T
+    low = np.column_stack([x[starts], [y[start:stop].min() for _, _, start, stop in parts]])
+    high = np.column_stack([x[stops - 1], [y[start:stop].max() for _, _, start, stop in parts]])
+    sides = np.column_stack([starts, stops - 1]).reshape(-1)
     sigma = variation_at(thinned, np.concatenate([thinned, local[sides]]), NEIGHBOURS)
     lateral = sigma[len(thinned) :].reshape(-1, 2).sum(axis=1).tolist()
+    widths = (high[:, 0] - low[:, 0]).tolist()
     owner = _inside(thinned[:, :2], low, high)
     verdicts = _verdicts(low, high, holds, greatest_width)
     in_cloud = view.origin + local @ view.axes.T
     regions = [
         RegionReport(
-            points=in_cloud[part],
+            points=in_cloud[start:stop],
             primitive=primitive_of(sigma[: len(thinned)][owner[i]]),
-            width=corners[i][2] - corners[i][0],
+            width=widths[i],
             curvature=lateral[i],
             verdict=verdicts[i],
             slab=slab,
             cluster=cluster,
         )
-        for i, (slab, cluster, part) in enumerate(parts)
+        for i, (slab, cluster, start, stop) in enumerate(parts)
     ]
     return Survey(view, regions, low, high)
 
 
-def _parts(members: IntArray, x: FloatArray) -> list[tuple[int | None, IntArray]]:
-    """A slab and, where it falls apart along x, its parts from the left; each of three points or more."""
-    if len(members) < 3:
-        return []
-    order = np.argsort(x)
-    gaps = np.flatnonzero(np.diff(x[order]) > PART_GAP) + 1
-    parts = np.split(members[order], gaps) if len(gaps) else []
-    return [(None, members), *((i, part) for i, part in enumerate(parts) if len(part) >= 3)]
+def _parts(x: FloatArray, slab: IntArray) -> list[tuple[int, int | None, int, int]]:
+    """Slabs and, of those that fall apart along x, the parts from the left; each of three points or more.
+
+    x, slab (N,): sorted by slab and then by x. Returns (slab, index of the part or None, first point, one after last).
+    """
+    breaks = np.flatnonzero((np.diff(x) > PART_GAP) | (np.diff(slab) > 0)) + 1
+    pieces = list(pairwise([0, *breaks.tolist(), len(x)]))
+    found: list[tuple[int, int | None, int, int]] = []
+    for number, group in groupby(pieces, key=lambda piece: int(slab[piece[0]])):
+        within = list(group)
+        regions = [(None, (within[0][0], within[-1][1])), *(enumerate(within) if len(within) > 1 else ())]
+        found += [(number, index, start, stop) for index, (start, stop) in regions if stop - start >= 3]
+    return found
 
 
 def _inside(xy: FloatArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
