@@ -68,11 +68,12 @@ def refine(
     for step in range(STEPS + 1):
         along, across = _turned(points, heading, x, y)
         between = above & (np.abs(across) <= half) & (np.abs(along) <= reach[:, None])
-        hold, point = np.nonzero(between)
-        u = along[hold, point]
-        contour = _contours(hold, u, across[hold, point], half, len(tip))
+        chosen = np.flatnonzero(between)
+        hold = chosen // between.shape[1]
+        u = along.reshape(-1)[chosen]
+        contour = _contours(hold, u, across.reshape(-1)[chosen], half, len(tip))
         slope = _slopes(contour, pad_width) * _SIDES
-        # Both contours run outwards from the middle of the hold: the pads stand at −start and end.
+        # The second contour is measured backwards, so that outermost is least on either side.
         outermost = contour.min(axis=2)
         empty = ~np.isfinite(outermost[0]) | (np.bincount(hold, minlength=len(tip)) < 3)
         outermost[:, empty] = 0.0
@@ -82,6 +83,7 @@ def refine(
         if step < STEPS:
             heading = heading - np.clip(np.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
 
+    point = chosen - hold * between.shape[1]
     u, top = np.stack([u, -u]), np.full((2, len(tip)), -np.inf)
     for side in (0, 1):
         touched = u[side] <= outermost[side, hold] + CONTACT_BAND

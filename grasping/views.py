@@ -161,7 +161,7 @@ def _view(
     tilt: float,
 ) -> View:
     local = axes.T @ cloud.T
-    local = local[:, np.argsort(local[2])]
+    local = np.take(local, np.argsort(local[2]), axis=1)
     middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
     # The origin lies at floor height where the table is level in this frame, else at the lowest point.
     middle[2] = local[2, 0] if table_height is None else table_height
