@@ -58,11 +58,9 @@ def refine(
     reach = 0.5 * holds.width + SEARCH
     # Farther than this no point is between the pads or in the fingers' way, however a hold is turned and moved.
     far = float(reach.max()) + half + BESIDE + STEPS * SEARCH + wished_room
-    near = np.flatnonzero(
-        (height > tip.min())
-        & (np.abs(xy[:, 0] - x.mean()) < far + np.ptp(x))
-        & (np.abs(xy[:, 1] - y.mean()) < far + np.ptp(y))
-    )
+    near = height > tip.min()
+    for coordinate, middle in ((xy[:, 0], x), (xy[:, 1], y)):
+        near &= (coordinate > middle.min() - far) & (coordinate < middle.max() + far)
     points, height = _homogeneous(xy[near]), height[near]
     above = height > tip[:, None]
     for step in range(STEPS + 1):

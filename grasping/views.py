@@ -124,8 +124,9 @@ def _centre(xy: FloatArray, height: FloatArray) -> FloatArray:
     highest = np.zeros(int(key.max()) + 1)
     highest[key] = np.maximum(height, 0.003)  # the last one written, the highest, stays
     cells = np.flatnonzero(highest)
-    middles = np.column_stack(np.divmod(cells, columns)) + 0.5
-    return xy.min(axis=0) + CELL * (highest[cells] @ middles) / highest.sum()
+    weight = highest[cells]
+    first, second = np.divmod(cells, columns)
+    return xy.min(axis=0) + CELL * (np.array([weight @ first, weight @ second]) / weight.sum() + 0.5)
 
 
 def _thin(cloud: FloatArray, axes: FloatArray, n_points: int) -> FloatArray:
