@@ -21,12 +21,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from pecgrasp_env.policy import ScriptedPolicy
+from pecgrasp_env.policy import NOT_FOUND, PolicyLog, ScriptedPolicy
 from pecgrasp_env.selective_grasp import SelectiveGraspEnv
 
 OUTCOMES = ("success", "wrong_object", "off_table", "dropped", "no_object", "no_grasp", "missed", "timeout")
 _SETTLING_STEPS = 20  # after the policy is done: what it holds must come to rest, or fall
-_REACTION = "not found"
 
 
 class EvaluationError(ValueError):
@@ -79,7 +78,7 @@ def run_episode(
     return Episode(
         seed=seed,
         target=task.target_names[0],
-        outcome=_outcome(info, log.reason),
+        outcome=_outcome(info, log),
         reason=log.reason,
         failures=list(log.failures),
         steps=int(info["elapsed_steps"]),
@@ -90,15 +89,15 @@ def run_episode(
     )
 
 
-def _outcome(info: dict[str, Any], reason: str | None) -> str:
+def _outcome(info: dict[str, Any], log: PolicyLog) -> str:
     for name in ("success", "wrong_object", "off_table", "dropped"):
         if bool(info[name]):
             return name
-    if reason is None:
-        return "timeout"
-    if reason == _REACTION:
+    if log.reason is None:
+        return "missed" if log.lifted else "timeout"  # lifted: the policy believes that it holds the object high enough
+    if log.reason == NOT_FOUND:
         return "no_object"
-    return "no_grasp" if reason.startswith("no ") else "missed"
+    return "no_grasp" if log.reason.startswith("no ") else "missed"
 
 
 # ------------------------------------------------------------------------------------------------- many episodes

@@ -27,6 +27,16 @@ _PROOF_TRAVEL_M = 3e-4
 _FALL_DAMPING = 2.0  # 1/s, stands for rolling friction, which PhysX lacks: without it a can rolls for ever
 _USUAL_DAMPING = 0.05  # PhysX's default
 _DROP_HEIGHT_M = 0.02
+_FRICTION = 0.6
+_SCENE_SETTINGS = {
+    "gravity": np.array([0.0, 0.0, -9.81], np.float32),
+    "bounce_threshold": 2.0,
+    "enable_pcm": True,
+    "enable_tgs": True,
+    "enable_ccd": False,
+    "enable_enhanced_determinism": False,
+    "enable_friction_every_iteration": True,
+}
 _PRIVATE_SPACING_M = 1.0
 _DROPS = 10
 _PLACES = 60
@@ -47,6 +57,28 @@ class Region:
     y_max: float
 
 
+@contextmanager
+def _task_physics() -> Iterator[physx.PhysxMaterial]:
+    """The task's physics inside, whoever's it was before afterwards; yields the table's material.
+
+    SAPIEN's settings belong to the process, and ManiSkill changes them with every environment: a fall would depend on
+    what the process did before.
+    """
+    body, shape, scene = physx.get_body_config(), physx.get_shape_config(), physx.get_scene_config()
+    iterations = body.solver_position_iterations, body.solver_velocity_iterations, body.sleep_threshold
+    offsets = shape.contact_offset, shape.rest_offset
+    switches = {name: getattr(scene, name) for name in _SCENE_SETTINGS}
+    physx.set_body_config(15, 1, 0.005)
+    physx.set_shape_config(0.02, 0.0)
+    physx.set_scene_config(**_SCENE_SETTINGS)
+    try:
+        yield physx.PhysxMaterial(_FRICTION, _FRICTION, 0.0)
+    finally:
+        physx.set_body_config(*iterations)
+        physx.set_shape_config(*offsets)
+        physx.set_scene_config(**switches)
+
+
 def settle(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Drop objects on the plane z = 0 and wait until they rest.
 
@@ -57,9 +89,15 @@ def settle(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray
     Returns:
         (k, 7) poses at the end, and (k,) bool: at rest there, above the plane.
     """
+    with _task_physics() as material:
+        return _settle(models, poses, material)
+
+
+def _settle(
+    models: Sequence[ObjectModel], poses: np.ndarray, material: physx.PhysxMaterial
+) -> tuple[np.ndarray, np.ndarray]:
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = _STEP_S
-    material = physx.get_default_material()
     floor = physx.PhysxRigidStaticComponent()
     slab = physx.PhysxCollisionShapeBox(
         half_size=[_PRIVATE_SPACING_M * (len(models) + 1)] * 2 + [0.1], material=material

@@ -23,6 +23,8 @@ from pecgrasp_env.perception import UP, Percept, SeenObject, class_probabilities
 from pecgrasp_env.robot import forward_kinematics
 from pecgrasp_env.views import look_postures
 
+NOT_FOUND = "not found"
+
 Steps = Generator[np.ndarray, Percept, Any]
 
 _FORCE_N = 60.0
@@ -138,7 +140,7 @@ class ScriptedPolicy:
             objects, view, percept = yield from self._survey(percept, first_view=attempt)
             chosen = self._choose(objects)
             if chosen is None:
-                self.log.failures.append("not found")
+                self.log.failures.append(NOT_FOUND)
                 continue
             others = [seen.points for k, seen in enumerate(objects) if k != chosen]
             obstacles = np.concatenate([view.obstacles, *others])
