@@ -7,7 +7,8 @@ whatever the number of environments or the simulation backend, and a reset costs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Ways to look at the HTML that the project writes: as a parser sees it, and as a real browser does."""
+"""For all tests: no deadlines, and ways to look at HTML as a parser sees it, and as a real browser does."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+# A busy machine is no failure: nothing here is a timed test.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 _VOID = {"meta", "link", "img", "input", "br", "rect", "line", "circle", "polyline"}
 

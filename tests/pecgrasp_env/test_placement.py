@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sapien import physx
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -83,3 +84,20 @@ def test_separation_is_symmetric_and_never_above_the_distance_of_vertices(seed, 
     gap = separation(a, b)
     assert gap == pytest.approx(separation(b, a))
     assert gap <= np.linalg.norm(a[:, None] - b[None], axis=2).min() + 1e-9
+
+
+def test_a_fall_does_not_depend_on_physics_settings_left_by_others():
+    models = [make_object("stapler", 3)]
+    pose = np.array([[0.0, 0.0, 0.15, 0.8, 0.3, 0.5, 0.1]])
+    pose[0, 3:] /= np.linalg.norm(pose[0, 3:])
+    ends, _ = settle(models, pose)
+    before = physx.get_shape_config().contact_offset, physx.get_body_config().solver_position_iterations
+    physx.set_shape_config(0.005, 0.0)
+    physx.set_body_config(4, 0, 0.05)
+    try:
+        again, _ = settle(models, pose)
+        assert physx.get_body_config().solver_position_iterations == 4
+    finally:
+        physx.set_shape_config(before[0], 0.0)
+        physx.set_body_config(before[1], 1, 0.005)
+    np.testing.assert_array_equal(again, ends)
