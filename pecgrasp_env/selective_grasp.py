@@ -72,7 +72,7 @@ class SelectiveGraspEnv(BaseEnv):
     |---|---|---|
     | agent/qpos, agent/… | see the robot | joint positions, rad, and what else the robot feels |
     | extra/target | (n_classes,) | the asked-for class, one-hot in the order of `classes` |
-    | extra/tcp_pose | (7,) | pose of the pads' centre, world frame |
+    | extra/tcp_pose | (7,) | pose of the fixed tool point, the pads' centre of the closed gripper, world frame |
     | extra/opening | (1,) | measured gripper opening, m |
     | extra/target_pose | (7,) | only in state modes: pose of the asked-for object, world frame |
     | extra/object_poses | (7 · n_objects,) | only in state modes: poses of all objects, in no meaningful order |
