@@ -109,7 +109,13 @@ class ScriptedPolicy:
         self._command = np.zeros(8, np.float32)
 
     def reset(self, target: str) -> None:
-        """Begin an episode in which an object of class ``target`` is asked for."""
+        """Begin an episode in which an object of class ``target`` is asked for.
+
+        Raises ValueError for a class that the classifier was not trained on: it could never be found.
+        """
+        known = getattr(self.classifier, "classes", None)
+        if known is not None and target not in known:
+            raise ValueError(f"target={target!r}: the classifier knows only {', '.join(known)}")
         self.log = PolicyLog()
         self._target = target
         self._steps = None

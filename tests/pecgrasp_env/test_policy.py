@@ -180,3 +180,16 @@ def test_act_before_reset_is_refused(env):
     obs, _ = env.reset(seed=3)
     with pytest.raises(RuntimeError, match="reset"):
         ScriptedPolicy(lambda points: ("mouse", 1.0)).act(obs)
+
+
+def test_a_class_that_the_classifier_does_not_know_is_refused():
+    class Knows:
+        classes = ("mouse", "pliers")
+
+        def __call__(self, points):
+            return "mouse", 1.0
+
+    policy = ScriptedPolicy(Knows())
+    policy.reset("pliers")
+    with pytest.raises(ValueError, match="target='mug': the classifier knows only mouse, pliers"):
+        policy.reset("mug")
