@@ -1,5 +1,7 @@
 """Errors that a caller can act on: each message names the argument and the value that is wrong."""
 
+import math
+
 
 class CloudError(ValueError):
     """A point cloud that cannot be used: wrong shape, not finite, too few points, not in metres."""
@@ -7,3 +9,9 @@ class CloudError(ValueError):
 
 class ConfigError(ValueError):
     """A parameter that makes no sense: names it and its value."""
+
+
+def require_between(name: str, value: float, least: float, most: float) -> None:
+    """Raises ConfigError where the parameter is not a finite number from `least` to `most`, both included."""
+    if not (math.isfinite(value) and least <= value <= most):
+        raise ConfigError(f"{name} = {value!r} must be between {least:g} and {most:g}")

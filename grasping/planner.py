@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping.clouds import object_cloud, workspace
 from grasping.contacts import Contacts, refine
-from grasping.errors import ConfigError
+from grasping.errors import require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.profiles import Holds, scan
@@ -78,8 +78,7 @@ class CurvaturePlanner:
             ("max_tilt", max_tilt, 0.0, 1.2),
             ("n_points", n_points, 50, 10**7),
         ):
-            if not (math.isfinite(value) and least <= value <= most):
-                raise ConfigError(f"{name} = {value!r} must be between {least:g} and {most:g}")
+            require_between(name, value, least, most)
         self.gripper = gripper
         self.side_clearance = side_clearance
         self.tip_clearance = tip_clearance

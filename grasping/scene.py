@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasping.clouds import FARTHEST, as_cloud, unit_vector
-from grasping.errors import ConfigError
+from grasping.errors import ConfigError, require_between
 from grasping.footprints import convex_outline, label_footprints, spacing
 from grasping.frames import Frame, Rejected, Scene
 from grasping.plane import basis, find_table
@@ -61,8 +59,7 @@ class Segmenter:
             ("max_extent", max_extent, 0.01, 100.0),
             ("max_height", max_height, 0.01, 100.0),
         ):
-            if not (math.isfinite(value) and least <= value <= most):
-                raise ConfigError(f"{name} = {value!r} must be between {least:g} and {most:g}")
+            require_between(name, value, least, most)
         self.depth_range = depth_range
         self.plane_distance = plane_distance
         self.plane_band = plane_band
