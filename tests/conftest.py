@@ -153,6 +153,14 @@ class Page:
         for _ in range(frames):
             self.run("new Promise((done) => requestAnimationFrame(() => done()))")
 
+    def until(self, expression: str, frames: int = 300) -> None:
+        """Let the browser draw until the expression holds; a busy machine delivers input late."""
+        for _ in range(frames):
+            if self.run(expression):
+                return
+            self.wait(1)
+        raise AssertionError(f"never came true: {expression}")
+
     @property
     def console(self) -> list[dict[str, Any]]:
         self.wait(1)

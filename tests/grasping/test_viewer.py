@@ -173,11 +173,12 @@ def test_the_pointer_turns_and_the_wheel_zooms(opened) -> None:
     pointer(opened, "mousePressed", x, y, button="left", buttons=1)
     pointer(opened, "mouseMoved", x + 50, y + 20, button="left", buttons=1)
     pointer(opened, "mouseReleased", x + 50, y + 20, button="left")
+    opened.until(f"{LOOK}.yaw !== {first['yaw']!r}")
     turned = opened.run(LOOK)
     assert turned["yaw"] == pytest.approx(first["yaw"] - 0.5)
     assert turned["pitch"] == pytest.approx(min(np.pi / 2, first["pitch"] + 0.2))
     pointer(opened, "mouseWheel", x, y, deltaX=0, deltaY=-100)
-    opened.wait()
+    opened.until(f"{LOOK}.zoom !== {first['zoom']!r}")
     assert opened.run(LOOK)["zoom"] > 1.1
     assert opened.run("scrollY") == 0
     opened.run("document.querySelector('.pgv-reset').click()")
