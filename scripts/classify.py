@@ -7,16 +7,17 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig
 
+from grasping.cloud_files import read_cloud, valid_points
+from grasping.errors import CloudError as FileError
 from pec.classifier import Classifier
-from pec.cloud_files import read_cloud
 from pec.errors import CheckpointError, CloudError
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="classify")
 def main(cfg: DictConfig) -> None:
     try:
-        prediction = Classifier.load(cfg.checkpoint).predict(read_cloud(cfg.cloud))
-    except (CheckpointError, CloudError, FileNotFoundError) as error:
+        prediction = Classifier.load(cfg.checkpoint).predict(valid_points(read_cloud(cfg.cloud)))
+    except (CheckpointError, CloudError, FileError, FileNotFoundError) as error:
         sys.exit(f"classify: {error}")
     for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
         print(f"{label:20}{100 * probability:7.2f} %")

@@ -1,0 +1,121 @@
+"""NumPy's .npy and .npz. Headers are checked against the bytes that are there; nothing is unpickled."""
+
+from __future__ import annotations
+
+import ast
+import io
+import lzma
+import math
+import zipfile
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.errors import CloudError
+
+_ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
+
+
+def read_npy(data: bytes) -> NDArray:
+    """(N, 3) or (H, W, 3), also from a structured array with fields x, y, z. Raises CloudError."""
+    return _cloud(_array(data), "the array")
+
+
+def read_npz(data: bytes) -> NDArray:
+    """See `grasping.cloud_files.read_cloud` for which of the arrays is the cloud. Raises CloudError."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+
+            def load(name: str) -> NDArray:
+                try:
+                    return _array(archive.read(f"{name}.npy"))
+                except CloudError as error:
+                    raise CloudError(f"array {name!r}: {error}") from error
+
+            for name in ("points", "xyz"):
+                if name in names:
+                    return _cloud(load(name), f"array {name!r}")
+            if "depth" in names:
+                if "K" not in names:
+                    raise CloudError("array 'depth' needs the intrinsics (3, 3) as array 'K' beside it")
+                return _back_projected(load("depth"), load("K"))
+            shapes = []
+            for name in names:
+                array = load(name)
+                if _is_cloud(array):
+                    return _cloud(array, f"array {name!r}")
+                shapes.append(f"{name} {array.shape}")
+    except CloudError:  # a ValueError, too
+        raise
+    except _ZIP_ERRORS as error:
+        raise CloudError(f"not a readable .npz: {error}") from error
+    raise CloudError(f"no array of shape (N, 3) or (H, W, 3) among {', '.join(shapes)[:200] or 'no arrays'}")
+
+
+def _array(data: bytes) -> NDArray:
+    shape, fortran, dtype, begin = _header(data)
+    if dtype.hasobject:
+        raise CloudError("it holds Python objects, which are not unpickled")
+    if not dtype.itemsize:
+        raise CloudError(f"an array of {dtype} holds no numbers")
+    needed = math.prod(shape) * dtype.itemsize
+    if needed > len(data) - begin:
+        raise CloudError(f"an array of shape {shape} needs {needed} bytes, and {len(data) - begin} are there")
+    array = np.frombuffer(data, dtype, count=math.prod(shape), offset=begin)
+    return array.reshape(shape, order="F" if fortran else "C")
+
+
+def _header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, whether columns come first, type of the numbers, and where they begin."""
+    lengths = {b"\x93NUMPY\1\0": "<u2", b"\x93NUMPY\2\0": "<u4"}
+    if data[:8] not in lengths or len(data) < 12:
+        raise CloudError("not a readable .npy: it does not begin as version 1 or 2 of the format")
+    length = np.dtype(lengths[data[:8]])
+    begin = 8 + length.itemsize + int(np.frombuffer(data, length, count=1, offset=8)[0])
+    words = data[8 + length.itemsize : begin].decode("latin1")
+    if len(words) > 10_000:  # a longer one would be parsed for seconds
+        raise CloudError(f"not a readable .npy: its header has {len(words)} characters")
+    try:
+        fields = ast.literal_eval(words.strip())
+        shape, fortran = fields["shape"], fields["fortran_order"]
+        dtype = np.lib.format.descr_to_dtype(fields["descr"])
+    except (ValueError, TypeError, SyntaxError, KeyError, IndexError, RecursionError, MemoryError) as error:
+        raise CloudError(f"not a readable .npy: its header is {words.strip()[:120]!r}") from error
+    if not (isinstance(shape, tuple) and all(isinstance(size, int) and size >= 0 for size in shape)):
+        raise CloudError(f"not a readable .npy: its shape is {shape!r:.120}")
+    return shape, bool(fortran), dtype, begin
+
+
+def _is_cloud(array: NDArray) -> bool:
+    if array.dtype.names:
+        return {"x", "y", "z"} <= set(array.dtype.names) and array.ndim in (1, 2)
+    return array.ndim in (2, 3) and array.shape[-1] == 3 and array.dtype.kind in "fiu"
+
+
+def _cloud(array: NDArray, name: str) -> NDArray:
+    if not _is_cloud(array):
+        raise CloudError(f"{name}: shape {array.shape} of {array.dtype}, expected numbers (N, 3) or (H, W, 3)")
+    if array.dtype.names:
+        axes = [array[axis] for axis in "xyz"]
+        if any(axis.dtype.kind not in "fiu" or axis.ndim != array.ndim for axis in axes):
+            raise CloudError(f"{name}: fields x, y, z are not numbers")
+        return np.stack([axis.astype(np.float64) for axis in axes], axis=-1)
+    return array
+
+
+def _back_projected(depth: NDArray, intrinsics: NDArray) -> NDArray[np.float64]:
+    """The organised cloud (H, W, 3) of a depth picture (H, W), NaN where the depth is 0 or less."""
+    if depth.ndim != 2 or depth.dtype.kind not in "fiu":
+        raise CloudError(f"array 'depth': shape {depth.shape} of {depth.dtype}, expected numbers (H, W)")
+    if intrinsics.shape != (3, 3) or intrinsics.dtype.kind not in "fiu":
+        raise CloudError(f"array 'K': shape {intrinsics.shape} of {intrinsics.dtype}, expected numbers (3, 3)")
+    k = intrinsics.astype(np.float64)
+    if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0):
+        raise CloudError(f"array 'K': focal lengths {k[0, 0]:g} and {k[1, 1]:g} must be positive")
+    with np.errstate(over="ignore", invalid="ignore"):
+        z = depth.astype(np.float64) * (1.0 if depth.dtype.kind == "f" else 1e-3)
+        z[~(z > 0)] = np.nan
+        v, u = np.indices(depth.shape)
+        return np.stack([(u - k[0, 2]) * z / k[0, 0], (v - k[1, 2]) * z / k[1, 1], z], axis=-1)
