@@ -16,14 +16,14 @@ AREA_CELL = 0.02  # m, in which a surface's area is counted
 NEIGHBOURS = 3.5  # points that a cell and the eight around it must hold, else they are noise
 
 
-def label_footprints(flat: FloatArray, gap: float, pitch: float) -> tuple[IntArray, int]:
-    """Label (N,) of the footprint that each point (N, 2) of the plane belongs to, −1 if isolated; number of footprints.
+def label_footprints(flat: FloatArray, gap: float, pitch: float) -> IntArray:
+    """Label (N,) of the footprint that each point (N, 2) of the plane belongs to, −1 if isolated.
 
     Two things are surely told apart where 1.2 gaps lie between them, and what is less than 0.8 gaps apart stays one. A
     cloud whose points lie farther apart than a fifth of the gap, `pitch` (m), is told apart less finely.
     """
     if not len(flat):
-        return np.empty(0, dtype=np.int64), 0
+        return np.empty(0, dtype=np.int64)
     cell = max(gap / CELLS_A_GAP, pitch)
     index = ((flat - flat.min(axis=0)) / cell).astype(np.int64) + REACH + 1
     rows, columns = (int(size) for size in index.max(axis=0) + REACH + 2)
@@ -36,8 +36,8 @@ def label_footprints(flat: FloatArray, gap: float, pitch: float) -> tuple[IntArr
     for row, column in steps:
         moved = dense[REACH + row : rows - REACH + row, REACH + column : columns - REACH + column]
         grown[REACH:-REACH, REACH:-REACH] |= moved
-    labelled, count = ndimage.label(grown, structure=np.ones((3, 3)))
-    return np.where(dense, labelled, 0).reshape(-1)[key].astype(np.int64) - 1, int(count)
+    labelled, _ = ndimage.label(grown, structure=np.ones((3, 3)))
+    return np.where(dense, labelled, 0).reshape(-1)[key].astype(np.int64) - 1
 
 
 def convex_outline(flat: FloatArray) -> FloatArray | None:

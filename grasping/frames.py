@@ -31,9 +31,10 @@ class Scene:
     """The objects of a frame, the largest first; lists of one length.
 
     objects: clouds (M, 3) in the frame and dtype of the input. indices: of their points in the input, flattened.
-    plane: (4,), n·p + d = 0 with n up, or None. touches_border: cut off by the image (never so for a loose cloud).
-    touches_gripper: within 1 cm of it. rejected: what was left out and why. obstacles: clouds of those of it that a
-    gripper could hit.
+    plane: (4,), n·p + d = 0 with n up, or None; n_table: its points. touches_border: cut off by the image (never so for
+    a loose cloud). touches_gripper: within 1 cm of it. rejected: what was left out and why. obstacles: clouds of those
+    of it that a gripper could hit. Every point of the input is in an object, in the table, or counted in `rejected` as
+    "points" or "cluster".
     """
 
     objects: list[FloatArray]
@@ -43,32 +44,70 @@ class Scene:
     touches_gripper: list[bool]
     rejected: list[Rejected] = field(default_factory=list)
     obstacles: list[FloatArray] = field(default_factory=list)
+    n_table: int = 0
 
     def summary(self) -> str:
         """What was rejected, in a sentence."""
-        parts = [f"{entry.what} of {entry.n_points} points: {entry.why}" for entry in self.rejected]
+        parts = [
+            f"{entry.n_points} points: {entry.why}"
+            if entry.what == "points"
+            else f"a {entry.what} of {entry.n_points} points: {entry.why}"
+            for entry in self.rejected
+        ]
         return "; ".join(parts) if parts else "nothing was rejected"
 
 
 class Frame:
-    """The input cloud, and its valid points within the range of depth."""
+    """The input cloud, and which of its points are valid and within the range of depth.
+
+    points: (N, 3) in the input's type. shape: (H, W) where it was organised. valid: (N,). Everywhere else points are
+    named by their index in this cloud.
+    """
 
     def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float]) -> None:
         self.points, self.shape = _flattened(cloud)
         near, far = max(depth_range[0], 1e-6), depth_range[1]
         # NaN compares as false; infinity and values whose square overflows are beyond the range.
         with np.errstate(over="ignore", invalid="ignore"):
-            squared = np.einsum("ij,ij->i", self.points, self.points)
-            self.valid = np.flatnonzero((squared >= near * near) & (squared <= far * far))
-        if not len(self.valid):
+            x, y, z = self.points.T
+            squared = x * x + y * y + z * z
+            self.valid = (squared >= near * near) & (squared <= far * far)
+        self.count = int(np.count_nonzero(self.valid))
+        if not self.count:
             raise CloudError(f"cloud: none of {len(self.points)} points is valid and {near:g} to {far:g} m away")
-        self.inside = self.points[self.valid].astype(np.float64)
+        self.rejected: list[Rejected] = []
+        measured = int(np.count_nonzero(squared > 0))  # neither NaN nor the zero that stands for nothing measured
+        self.reject("points", "no depth", len(self.points) - measured)
+        self.reject("points", f"not {near:g} to {far:g} m away", measured - self.count)
+
+    def reject(self, what: str, why: str, n_points: int) -> None:
+        """Note what is left out, where there is any of it."""
+        if n_points:
+            self.rejected.append(Rejected(what, why, n_points))
+
+    def sample(self, most: int, rng: np.random.Generator) -> FloatArray:
+        """(M, 3) float64: the valid points, or as many of them as suffice, drawn at random."""
+        index = np.flatnonzero(self.valid)
+        if self.count > most:
+            index = index[rng.integers(0, self.count, size=most)]
+        return self.points.take(index, axis=0).astype(np.float64)
+
+    def heights(self, plane: FloatArray) -> NDArray:
+        """(N,) above a plane (4,), m; NaN where the point is not valid."""
+        a, b, c, d = plane.astype(self.points.dtype)
+        x, y, z = self.points.T
+        with np.errstate(over="ignore", invalid="ignore"):
+            heights = a * x + b * y + c * z + d
+        heights[~self.valid] = np.nan
+        return heights
 
     def without_flying(self, chosen: IntArray) -> IntArray:
         """Those of the chosen points that do not hang in the air; all of them where the cloud is not organised."""
         if self.shape is None:
             return chosen
-        return chosen[~flying_pixels(self.inside, self.valid, chosen, self.shape)]
+        flying = flying_pixels(self.points, chosen, self.shape)
+        self.reject("points", "in the air at an edge", int(np.count_nonzero(flying)))
+        return chosen[~flying]
 
     def scene(
         self,
@@ -76,18 +115,19 @@ class Frame:
         kept: list[IntArray],
         obstacles: list[IntArray],
         hand: FloatArray | None,
-        rejected: list[Rejected],
+        n_table: int,
     ) -> Scene:
-        indices = [self.valid[members] for members in kept]
-        edge = None if self.shape is None else edge_of_view(self.valid, self.shape)
+        edge = None if self.shape is None else edge_of_view(self.valid.reshape(self.shape))
+        clouds = [self.points.take(index, axis=0) for index in kept]
         return Scene(
-            objects=[self.points[index] for index in indices],
-            indices=indices,
+            objects=clouds,
+            indices=kept,
             plane=plane,
-            touches_border=[edge is not None and bool(edge[index].any()) for index in indices],
-            touches_gripper=[hand is not None and _touch(self.inside[members], hand) for members in kept],
-            rejected=rejected,
-            obstacles=[self.points[self.valid[members]] for members in obstacles],
+            touches_border=[edge is not None and bool(edge.take(index).any()) for index in kept],
+            touches_gripper=[hand is not None and _touch(points, hand) for points in clouds],
+            rejected=self.rejected,
+            obstacles=[self.points.take(index, axis=0) for index in obstacles],
+            n_table=n_table,
         )
 
 
@@ -107,35 +147,34 @@ def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
     return points.reshape(-1, 3), shape
 
 
-def flying_pixels(inside: FloatArray, valid: IntArray, chosen: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def flying_pixels(points: NDArray, chosen: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Which of the chosen points hang between two surfaces, as stereo and time of flight put them on edges.
 
-    Fewer than two of such a pixel's eight neighbours are on the same surface. inside (V, 3): the valid points, whose
-    flat indices in the frame are `valid` (V,); chosen (C,) indexes those. Returns (C,). Any frame will do.
+    Fewer than two of such a pixel's eight neighbours are on the same surface. points (H · W, 3): the frame, in any
+    frame of reference; chosen (C,) indexes it. Returns (C,).
     """
-    rows, columns = shape
-    stride = columns + 2
-    place = np.full((rows + 2) * stride, -1, dtype=np.int32)
-    y, x = np.divmod(valid, columns)
-    at = (y + 1) * stride + x + 1
-    place[at] = np.arange(len(valid), dtype=np.int32)
-    at, own = at[chosen], inside[chosen]
+    columns = shape[1]
+    own = points.take(chosen, axis=0)
+    column = chosen % columns
+    has = {-1: column > 0, 0: np.ones(len(chosen), dtype=bool), 1: column < columns - 1}
     close = np.zeros(len(chosen), dtype=np.int8)
-    for step in (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1):
-        neighbour = place[at + step]
-        difference = inside[neighbour] - own
-        close += (np.einsum("ij,ij->i", difference, difference) < SAME_SURFACE**2) & (neighbour >= 0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for row in (-1, 0, 1):
+            for step in (-1, 0, 1):
+                if row == step == 0:
+                    continue
+                # Above the first row and below the last "clip" gives a corner of the image: far away, or oneself.
+                difference = points.take(chosen + row * columns + step, axis=0, mode="clip") - own
+                close += has[step] & (np.einsum("ij,ij->i", difference, difference) < SAME_SURFACE**2)
     return close < 2
 
 
-def edge_of_view(valid: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(H · W,) pixels within two of the edge of that part of the image in which the sensor sees anything.
+def edge_of_view(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(H · W,) pixels within two of the edge of that part of the image (H, W) in which the sensor sees anything.
 
     Stereo sensors are blind in a band at one side: a row or column that is valid in less than a tenth is outside.
     """
-    seen = np.zeros(shape, dtype=bool)
-    seen.reshape(-1)[valid] = True
-    edge = np.ones(shape, dtype=bool)
+    edge = np.ones(seen.shape, dtype=bool)
     rows = np.flatnonzero(seen.mean(axis=1) > 0.1)
     columns = np.flatnonzero(seen.mean(axis=0) > 0.1)
     if len(rows) and len(columns):
@@ -143,7 +182,7 @@ def edge_of_view(valid: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
     return edge.reshape(-1)
 
 
-def _touch(points: FloatArray, hand: FloatArray) -> bool:
+def _touch(points: NDArray, hand: FloatArray) -> bool:
     if not len(hand):
         return False
     nearest, _ = cKDTree(hand).query(points, k=1, distance_upper_bound=GRIPPER_CONTACT)

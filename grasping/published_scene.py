@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from grasping.clouds import as_cloud, unit_vector
 from grasping.errors import ConfigError
 from grasping.frames import Frame, Rejected, Scene
-from grasping.plane import find_table
+from grasping.plane import SAMPLED, find_table
 from grasping.regions import by_label, voxel_clusters
 
 FloatArray = NDArray[np.float64]
@@ -54,25 +54,28 @@ class PublishedSegmenter:
         hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)
         band = (0.999 * self.plane_distance, self.plane_distance)
-        plane = find_table(frame.inside, up_vector, rng, coarse=self.plane_distance, band=band)
-        rejected: list[Rejected] = []
+        plane = find_table(frame.sample(SAMPLED, rng), up_vector, rng, coarse=self.plane_distance, band=band)
+        n_table = 0
         if isinstance(plane, str):
-            rejected.append(Rejected("plane", plane, len(frame.inside)))
-            chosen = np.arange(len(frame.inside))
+            frame.rejected.insert(0, Rejected("plane", plane, frame.count))
+            chosen = np.flatnonzero(frame.valid)
         else:
-            chosen = np.flatnonzero(frame.inside @ plane.equation[:3] + plane.equation[3] > self.plane_distance)
-        inliers = _statistical_inliers(frame.inside[chosen], self.mean_k, self.std)
-        if not inliers.all():
-            rejected.append(Rejected("points", "outliers", int((~inliers).sum())))
+            height = frame.heights(plane.equation)
+            chosen = np.flatnonzero(height > self.plane_distance)
+            below = int(np.count_nonzero(height < -self.plane_distance))
+            frame.reject("points", "below the table", below)
+            n_table = frame.count - below - len(chosen)
+        points = frame.points.take(chosen, axis=0).astype(np.float64)
+        inliers = _statistical_inliers(points, self.mean_k, self.std)
+        frame.reject("points", "outliers", int(np.count_nonzero(~inliers)))
         chosen = chosen[inliers]
-        clusters = [chosen[members] for members in by_label(voxel_clusters(frame.inside[chosen], self.eps))]
+        clusters = [chosen[members] for members in by_label(voxel_clusters(points[inliers], self.eps))]
         kept = sorted(
-            (points for points in clusters if len(points) >= self.min_points), key=lambda points: -len(points)
+            (members for members in clusters if len(members) >= self.min_points), key=lambda members: -len(members)
         )
-        few = [len(points) for points in clusters if len(points) < self.min_points]
-        if few:
-            rejected.append(Rejected("points", f"{len(few)} clusters of fewer than {self.min_points}", sum(few)))
-        return frame.scene(None if isinstance(plane, str) else plane.equation, kept, [], hand, rejected)
+        few = [len(members) for members in clusters if len(members) < self.min_points]
+        frame.reject("points", f"{len(few)} clusters of fewer than {self.min_points}", sum(few))
+        return frame.scene(None if isinstance(plane, str) else plane.equation, kept, [], hand, n_table)
 
 
 def _statistical_inliers(points: FloatArray, mean_k: int, std: float) -> NDArray[np.bool_]:

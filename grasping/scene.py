@@ -9,7 +9,7 @@ from grasping.clouds import FARTHEST, as_cloud, unit_vector
 from grasping.errors import ConfigError, require_between
 from grasping.footprints import convex_outline, label_footprints, spacing
 from grasping.frames import Frame, Rejected, Scene
-from grasping.plane import basis, find_table
+from grasping.plane import SAMPLED, basis, find_table, fit_all
 from grasping.published_scene import PublishedSegmenter
 from grasping.regions import by_label, voxel_clusters
 
@@ -85,71 +85,80 @@ class Segmenter:
         up_vector = None if up is None else unit_vector(up, name="up")
         hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)
-        plane = find_table(frame.inside, up_vector, rng, coarse=self.plane_distance, band=self.plane_band)
-        rejected: list[Rejected] = []
+        sample = frame.sample(SAMPLED, rng)
+        plane = find_table(sample, up_vector, rng, coarse=self.plane_distance, band=self.plane_band)
         if isinstance(plane, str):
-            rejected.append(Rejected("plane", plane, len(frame.inside)))
-            chosen = frame.without_flying(np.arange(len(frame.inside)))
-            labels = voxel_clusters(frame.inside[chosen], self.gap)
-            clusters = self._sort(frame.inside, chosen, labels, None, None, rejected)
-            return frame.scene(None, *clusters, hand, rejected)
-        height = frame.inside @ plane.equation[:3] + plane.equation[3]
-        above = np.flatnonzero((height > plane.band) & (height <= self.max_height))
-        chosen = frame.without_flying(above)
-        if len(chosen) < len(above):
-            rejected.append(Rejected("points", "in the air at an edge", len(above) - len(chosen)))
-        level = basis(plane.equation[:3])
-        flat = frame.inside[chosen] @ level
+            return self._without_table(frame, plane, hand)
+        height = frame.heights(plane.equation)
+        plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
+        height = frame.heights(plane.equation)
         table = np.flatnonzero(np.abs(height) <= plane.band)
-        sample = frame.inside[table[:: max(1, len(table) // 5000)]] @ level
-        labels, _ = label_footprints(flat, self.gap, spacing(sample, len(table)))
-        outline = convex_outline(sample)
-        on_table = None if outline is None else (flat, outline)
-        clusters = self._sort(frame.inside, chosen, labels, height, on_table, rejected)
-        return frame.scene(plane.equation, *clusters, hand, rejected)
+        above = np.flatnonzero(height > plane.band)
+        tall = height.take(above) > self.max_height
+        frame.reject("points", f"more than {self.max_height:g} m above the table", int(np.count_nonzero(tall)))
+        frame.reject("points", "below the table", frame.count - len(table) - len(above))
+        chosen = frame.without_flying(above[~tall])
+        level = basis(plane.equation[:3])
+        flat = frame.points.take(chosen, axis=0) @ level
+        seen = frame.points.take(table[:: max(1, len(table) // 5000)], axis=0) @ level
+        labels = label_footprints(flat, self.gap, spacing(seen, len(table)))
+        clusters = self._sort(frame, chosen, labels, height, flat, convex_outline(seen))
+        return frame.scene(plane.equation, *clusters, hand, len(table))
+
+    def _without_table(self, frame: Frame, why: str, hand: FloatArray | None) -> Scene:
+        frame.rejected.insert(0, Rejected("plane", why, frame.count))
+        chosen = frame.without_flying(np.flatnonzero(frame.valid))
+        labels = voxel_clusters(frame.points.take(chosen, axis=0).astype(np.float64), self.gap)
+        return frame.scene(None, *self._sort(frame, chosen, labels, None, None, None), hand, 0)
 
     def _sort(
         self,
-        inside: FloatArray,
+        frame: Frame,
         chosen: IntArray,
         labels: IntArray,
-        height: FloatArray | None,
-        outline: tuple[FloatArray, FloatArray] | None,
-        rejected: list[Rejected],
+        height: NDArray | None,
+        flat: NDArray | None,
+        outline: FloatArray | None,
     ) -> tuple[list[IntArray], list[IntArray]]:
         """Split the clusters into objects, the largest first, and others that may be in the way.
 
-        outline: the chosen points (C, 2) in the table's plane, and the edges of what is seen of the table.
+        height (N,) of the frame's points above the table, flat (C, 2) the chosen ones in the table's plane, outline
+        the edges of what is seen of it.
         """
         kept, obstacles = [], []
-        isolated = int((labels < 0).sum())
+        frame.reject("points", "isolated", int(np.count_nonzero(labels < 0)))
         few, few_points = 0, 0
         for members in by_label(labels):
             points = chosen[members]
             if len(members) < self.min_points:
                 few, few_points = few + 1, few_points + len(members)
                 continue
-            extent = float(np.ptp(inside[points], axis=0).max())
-            why = None
-            if height is not None and (top := float(np.quantile(height[points], 0.95))) < self.min_height:
-                rejected.append(Rejected("cluster", f"only {top * 1e3:.0f} mm high", len(members)))
+            if height is not None and (top := _upper(height.take(points))) < self.min_height:
+                frame.reject("cluster", f"only {top * 1e3:.0f} mm high", len(members))
                 continue
+            coordinates = np.ascontiguousarray(frame.points.take(points, axis=0).T)  # extremes over long rows are fast
+            extent = float(np.ptp(coordinates, axis=1).max())
             if extent > self.max_extent:
-                why = f"{extent:.2f} m large, more than {self.max_extent:g} m"
-            elif outline is not None:
-                flat, edges = outline
-                if (edges[:, :2] @ flat[members].mean(axis=0) + edges[:, 2] > BESIDE_TABLE).any():
-                    why = "beside the table"
-            if why is None:
-                kept.append(points)
-            else:
-                rejected.append(Rejected("cluster", why, len(members)))
+                frame.reject("cluster", f"{extent:.2f} m large, more than {self.max_extent:g} m", len(members))
                 obstacles.append(points)
-        if isolated:
-            rejected.append(Rejected("points", "isolated", isolated))
-        if few:
-            rejected.append(Rejected("points", f"{few} clusters of fewer than {self.min_points}", few_points))
+            elif flat is not None and outline is not None and _outside(outline, flat.take(members, axis=0)):
+                frame.reject("cluster", "beside the table", len(members))
+                obstacles.append(points)
+            else:
+                kept.append(points)
+        frame.reject("points", f"{few} clusters of fewer than {self.min_points}", few_points)
         return sorted(kept, key=lambda points: -len(points)), obstacles
+
+
+def _upper(height: NDArray) -> float:
+    """What 95 % of the heights are at most."""
+    last = int(0.95 * (len(height) - 1))
+    return float(np.partition(height, last)[last])
+
+
+def _outside(outline: FloatArray, flat: NDArray) -> bool:
+    """Whether the middle of these points of the plane lies outside of the table's outline."""
+    return bool((outline[:, :2] @ flat.mean(axis=0) + outline[:, 2] > BESIDE_TABLE).any())
 
 
 __all__ = ["PublishedSegmenter", "Rejected", "Scene", "Segmenter"]
