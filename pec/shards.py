@@ -6,8 +6,14 @@
         offsets          (n + 1,) int64   cloud i is points[offsets[i]:offsets[i + 1]]
         class_index      (n,) int32       into the manifest's `classes`
         instance_index   (n,) int32       into the manifest's `instances`
+        camera           (n,) int32       into the manifest's `cameras`
         T_camera_object  (n, 4, 4) float32
         seed             (n,) int64       the seed that drew the sample
+        occlusion        (n,) float32     share of the object that others hide from the camera
+        purity           (n,) float32     of the cloud's points on objects, the share on the labelled one
+
+Tensors are little-endian and lie in the file one after the other, behind a JSON header that says where (the safetensors
+format), so a reader may map the file into memory and touch only the clouds that it wants.
 
 A shard is written under a temporary name and renamed, and the manifest lists it only afterwards: whatever kills the
 generator, what the manifest lists is whole.
@@ -24,8 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save
+from safetensors.numpy import save
 
 from pec.errors import DatasetError
 
@@ -43,16 +48,20 @@ __all__ = [
     "write_shard",
 ]
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 MANIFEST_NAME = "manifest.json"
 _DTYPES = {
     "points": np.float32,
     "offsets": np.int64,
     "class_index": np.int32,
     "instance_index": np.int32,
+    "camera": np.int32,
     "T_camera_object": np.float32,
     "seed": np.int64,
+    "occlusion": np.float32,
+    "purity": np.float32,
 }
+_CODES = {"F32": np.float32, "I64": np.int64, "I32": np.int32}
 
 
 @dataclass(frozen=True)
@@ -66,6 +75,12 @@ class CloudSample:
     T_camera_object: np.ndarray
     """(4, 4), maps object frame to camera frame."""
     seed: int
+    camera: int = 0
+    """Index into the manifest's `cameras`."""
+    occlusion: float = 0.0
+    """Share of the object, as the camera would see it alone, that others hide; 0 … 1."""
+    purity: float = 1.0
+    """Of the cloud's points on any object, the share that lies on the labelled one; 0 … 1."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +91,11 @@ class Shard:
     offsets: np.ndarray
     class_index: np.ndarray
     instance_index: np.ndarray
+    camera: np.ndarray
     T_camera_object: np.ndarray
     seed: np.ndarray
+    occlusion: np.ndarray
+    purity: np.ndarray
 
     def __len__(self) -> int:
         return len(self.class_index)
@@ -96,6 +114,8 @@ class ShardRecord:
     sha256: str
     rejected: dict[str, int] = field(default_factory=dict)
     """Draws that gave no sample of this shard, counted by reason."""
+    skipped: dict[str, str] = field(default_factory=dict)
+    """Instances that should be in this shard and could not be captured, by name, and why."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +125,8 @@ class Manifest:
     classes: list[str]
     instances: list[dict[str, Any]]
     """One mapping an instance, with at least `name` and `class`."""
+    cameras: list[dict[str, Any]]
+    """One mapping a camera, with at least `name`."""
     config: dict[str, Any]
     """The resolved configuration that generated it."""
     seed: int
@@ -136,8 +158,11 @@ def write_shard(path: str | os.PathLike[str], samples: Sequence[CloudSample]) ->
         "offsets": np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
         "class_index": np.array([sample.class_index for sample in samples], np.int32),
         "instance_index": np.array([sample.instance_index for sample in samples], np.int32),
+        "camera": np.array([sample.camera for sample in samples], np.int32),
         "T_camera_object": np.array([sample.T_camera_object for sample in samples], np.float32).reshape(-1, 4, 4),
         "seed": np.array([sample.seed for sample in samples], np.int64),
+        "occlusion": np.array([sample.occlusion for sample in samples], np.float32),
+        "purity": np.array([sample.purity for sample in samples], np.float32),
     }
     path = Path(path)
     data = save(tensors, metadata={"schema_version": str(SCHEMA_VERSION)})
@@ -145,20 +170,28 @@ def write_shard(path: str | os.PathLike[str], samples: Sequence[CloudSample]) ->
     return ShardRecord(f"{path.parent.name}/{path.name}", len(samples), hashlib.sha256(data).hexdigest())
 
 
-def read_shard(path: str | os.PathLike[str], record: ShardRecord | None = None) -> Shard:
+def read_shard(path: str | os.PathLike[str], record: ShardRecord | None = None, *, mapped: bool = False) -> Shard:
     """Read a shard; with `record`, check its hash and its number of samples against it.
 
+    mapped: the arrays are read-only views of the file, which stays open as long as one of them lives.
     Raises DatasetError where the file is missing, broken, or another than the manifest lists.
     """
     path = Path(path)
     if not path.is_file():
-        raise DatasetError(f"shard {path} does not exist")
-    if record is not None and hashlib.sha256(path.read_bytes()).hexdigest() != record.sha256:
-        raise DatasetError(f"shard {path} is not the file that the manifest lists: its sha256 differs")
+        raise DatasetError(f"shard {path} does not exist; {_WAY_OUT}")
     try:
-        tensors = load_file(path)
-    except (SafetensorError, ValueError) as error:
-        raise DatasetError(f"shard {path} is not a readable safetensors file: {error}") from error
+        data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)
+    except ValueError as error:  # an empty file cannot be mapped
+        raise DatasetError(f"shard {path} is damaged: {error}; {_WAY_OUT}") from error
+    if record is not None and hashlib.sha256(data).hexdigest() != record.sha256:
+        raise DatasetError(
+            f"shard {path} is not the file that the manifest lists: its sha256 differs, so it was damaged or changed; "
+            f"{_WAY_OUT}"
+        )
+    try:
+        tensors = _tensors(np.asarray(data))
+    except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise DatasetError(f"shard {path} is not a readable safetensors file: {error}; {_WAY_OUT}") from error
     for name, dtype in _DTYPES.items():
         if name not in tensors or tensors[name].dtype != dtype:
             found = tensors[name].dtype if name in tensors else "nothing"
@@ -170,6 +203,23 @@ def read_shard(path: str | os.PathLike[str], record: ShardRecord | None = None) 
     if record is not None and n != record.n_samples:
         raise DatasetError(f"shard {path} holds {n} samples, the manifest says {record.n_samples}")
     return shard
+
+
+_WAY_OUT = "the command that generated the data set makes missing and damaged shards anew"
+
+
+def _tensors(data: np.ndarray) -> dict[str, np.ndarray]:
+    """Views of the tensors in a safetensors file's bytes: length of the header, the header as JSON, the tensors."""
+    if len(data) < 8:
+        raise ValueError(f"it has only {len(data)} bytes")
+    begin = 8 + int.from_bytes(data[:8].tobytes(), "little")
+    header = json.loads(data[8:begin].tobytes())
+    tensors = {}
+    for name, entry in header.items():
+        if name != "__metadata__":
+            low, high = entry["data_offsets"]
+            tensors[name] = data[begin + low : begin + high].view(_CODES[entry["dtype"]]).reshape(entry["shape"])
+    return tensors
 
 
 def write_manifest(directory: str | os.PathLike[str], manifest: Manifest) -> Path:
@@ -191,11 +241,19 @@ def read_manifest(directory: str | os.PathLike[str]) -> Manifest:
         content = json.loads(path.read_text())
         version = content["schema_version"]
         if version != SCHEMA_VERSION:
-            raise DatasetError(f"{path} has schema version {version}, this package reads {SCHEMA_VERSION}")
+            raise DatasetError(
+                f"{path} has schema version {version}, this package reads {SCHEMA_VERSION}: generate the data set anew "
+                f"into another folder, or read it with the version that made it ({_made_by(content)})"
+            )
         content["shards"] = [ShardRecord(**record) for record in content["shards"]]
         return Manifest(**content)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise DatasetError(f"{path} is not a manifest of this package: {error!r}") from error
+
+
+def _made_by(content: dict[str, Any]) -> str:
+    made_by = content.get("generator")
+    return f"pecgrasp {made_by.get('pecgrasp', 'unknown')}" if isinstance(made_by, dict) else "unknown"
 
 
 def _write_atomically(path: Path, data: bytes) -> None:

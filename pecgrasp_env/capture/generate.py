@@ -14,7 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,8 @@ def _plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
                 count = min(config.shard_size, config.samples_per_instance - first)
                 jobs.append(ShardJob(len(jobs), class_index, len(instances) - 1, number, first, count))
     versions = {package: importlib.metadata.version(package) for package in _PACKAGES}
-    return Manifest(list(source.classes), instances, config.described(), config.seed, versions), jobs
+    cameras = [{"name": config.resolution, **asdict(config.intrinsics)}]
+    return Manifest(list(source.classes), instances, cameras, config.described(), config.seed, versions), jobs
 
 
 def _resume(directory: Path, planned: Manifest) -> Manifest:

@@ -30,7 +30,7 @@ def write_shapes(directory: Path, samples_per_instance: int = 20, instances: int
             for i in range(samples_per_instance):
                 samples.append(CloudSample(shape(name, rng), label, index, np.eye(4), i))
         records.append(write_shard(directory / shard_name(label), samples))
-    write_manifest(directory, Manifest(CLASSES, listed, {}, seed, {}, records, complete=True))
+    write_manifest(directory, Manifest(CLASSES, listed, [{"name": "any"}], {}, seed, {}, records, complete=True))
     return directory
 
 
