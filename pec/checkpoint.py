@@ -23,9 +23,10 @@ import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
+from torch import nn
 
 from pec.errors import CheckpointError, ConfigError
-from pec.network import PEC
+from pec.models import MODELS, build_model
 from pec.preprocess import Preprocess
 
 __all__ = ["Checkpoint", "TrainingState", "read_checkpoint", "read_training_state", "write_checkpoint"]
@@ -37,11 +38,13 @@ FORMAT = 1
 class Checkpoint:
     """What is needed to classify a cloud."""
 
-    model: PEC
+    model: nn.Module
     classes: list[str]
     preprocess: Preprocess
     temperature: float
     epoch: int
+    network: str = "pec"
+    """Its name in `pec.models.MODELS`."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def write_checkpoint(
     temporary.mkdir(parents=True)
     config = {
         "format": FORMAT,
-        "network": "pec",
+        "network": checkpoint.network,
         "n_points": checkpoint.preprocess.n_points,
         "classes": checkpoint.classes,
         "preprocess": asdict(checkpoint.preprocess),
@@ -93,17 +96,18 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
     directory = _present(Path(directory))
     config = _read_json(directory / "config.json")
     try:
-        if config["format"] != FORMAT or config["network"] != "pec":
+        network = config["network"]
+        if config["format"] != FORMAT or network not in MODELS:
             raise CheckpointError(
-                f"{directory}/config.json: format {config['format']} of network {config['network']!r}, "
-                f"this package reads format {FORMAT} of 'pec'"
+                f"{directory}/config.json: format {config['format']} of network {network!r}, "
+                f"this package reads format {FORMAT} of {', '.join(MODELS)}"
             )
         preprocess = Preprocess(**config["preprocess"])
         classes = [str(name) for name in config["classes"]]
         temperature, epoch = float(config["temperature"]), int(config["epoch"])
     except (KeyError, TypeError, ConfigError) as error:
         raise CheckpointError(f"{directory}/config.json is not a checkpoint's: {error!r}") from error
-    model = PEC(preprocess.n_points, len(classes))
+    model = build_model(network, preprocess.n_points, len(classes))
     tensors = _read_tensors(directory / "model.safetensors")
     try:
         model.load_state_dict(tensors)
@@ -111,7 +115,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         raise CheckpointError(
             f"{directory}: the weights do not fit {len(classes)} classes and {preprocess.n_points} points: {error}"
         ) from error
-    return Checkpoint(model.eval(), classes, preprocess, temperature, epoch)
+    return Checkpoint(model.eval(), classes, preprocess, temperature, epoch, network)
 
 
 def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | None:

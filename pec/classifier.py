@@ -13,7 +13,7 @@ import torch
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.errors import CheckpointError, CloudError
 from pec.evaluation import predict_log_probabilities
-from pec.fused import FusedPEC
+from pec.models import fast_forward
 from pec.threads import torch_threads
 
 __all__ = ["Classifier", "Prediction"]
@@ -33,7 +33,7 @@ class Classifier:
 
     def __init__(self, checkpoint: Checkpoint, seed: int = 0) -> None:
         self._checkpoint = checkpoint
-        self._model = FusedPEC(checkpoint.model)
+        self._model = fast_forward(checkpoint.model)
         self._seed = seed
 
     @classmethod

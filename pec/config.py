@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_type_hints
 
 from pec.augment import Augment
 from pec.errors import ConfigError
+from pec.models import MODELS
 from pec.preprocess import Preprocess
 
 __all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "read_config"]
@@ -32,6 +33,8 @@ class DatasetConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
+    """name: of `pec.models.MODELS`."""
+
     name: str = "pec"
 
 
@@ -84,7 +87,7 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     _one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
     _one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
-    _one_of("model.name", config.model.name, ("pec",))
+    _one_of("model.name", config.model.name, tuple(MODELS))
     _one_of("device", config.device, ("auto", "cpu", "cuda"))
     for name, value in (
         ("protocol.epochs", protocol.epochs),

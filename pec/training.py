@@ -26,12 +26,15 @@ from pec.clouds import CloudDataset, load_dataset, split_by_instance, split_by_s
 from pec.config import DatasetConfig, TrainConfig, read_config
 from pec.errors import ConfigError, DatasetError
 from pec.evaluation import fit_temperature, predict_log_probabilities, score
-from pec.network import PEC
+from pec.models import build_model
 from pec.prepared import PreparedClouds, prepare
+from pec.rivals import NearestNeighbours, PointNet
 from pec.threads import torch_threads
 from pec.tracking import Tracker
 
 __all__ = ["train"]
+
+_CURVES = ("train_loss", "train_accuracy", "selection_loss", "selection_accuracy", "learning_rate")
 
 
 def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,14 +120,18 @@ class _Run:
         self.output = Path(config.output)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
-            self.model = PEC(config.preprocess.n_points, len(classes))
+            self.model = build_model(config.model.name, config.preprocess.n_points, len(classes))
         self.model.to(device)
-        self.optimizer = torch.optim.AdamW(
-            self.model.parameters(), lr=config.protocol.learning_rate, weight_decay=config.protocol.weight_decay
-        )
+        self.optimizer: torch.optim.Optimizer | None = None
+        if not isinstance(self.model, NearestNeighbours):  # which has nothing to descend
+            self.optimizer = torch.optim.AdamW(
+                self.model.parameters(), lr=config.protocol.learning_rate, weight_decay=config.protocol.weight_decay
+            )
+        self.n_epochs = config.protocol.epochs if self.optimizer else 1
         self.epoch = 0
         self.seconds = 0.0
         self.best = {"epoch": 0, "accuracy": -1.0, "loss": math.inf}
+        self.history: dict[str, list[float]] = {name: [] for name in _CURVES}
         self._resume()
 
     def fit(self, training: PreparedClouds, selection: PreparedClouds) -> None:
@@ -137,21 +144,26 @@ class _Run:
         n_steps = math.ceil(len(training) / batch_size)
         with Tracker(self.output / "tensorboard", self.epoch) as tracker:
             bar = tqdm(
-                range(self.epoch, protocol.epochs),
+                range(self.epoch, self.n_epochs),
                 desc="training",
                 unit="epoch",
                 initial=self.epoch,
-                total=protocol.epochs,
+                total=self.n_epochs,
                 disable=not config.progress,
             )
             for epoch in bar:
                 begin = time.perf_counter()
-                loss, accuracy, rate = self._epoch(epoch, training, static, batch_size, n_steps)
+                if self.optimizer is None:
+                    loss, accuracy, rate = self._keep(training)
+                else:
+                    loss, accuracy, rate = self._epoch(epoch, training, static, batch_size, n_steps)
                 scores = score(self._predict(selection), selection.labels)
                 # Of equally accurate epochs the surer one.
                 if (scores.accuracy, -scores.loss) > (self.best["accuracy"], -self.best["loss"]):
                     self.best = {"epoch": epoch + 1, "accuracy": scores.accuracy, "loss": scores.loss}
                     write_checkpoint(self.output / "best", self._checkpoint(epoch + 1))
+                for name, value in zip(_CURVES, (loss, accuracy, scores.loss, scores.accuracy, rate), strict=True):
+                    self.history[name].append(value)
                 self.epoch = epoch + 1
                 self.seconds += time.perf_counter() - begin
                 self._save()
@@ -221,23 +233,37 @@ class _Run:
         if n_steps > 1:
             order = torch.randperm(len(training), generator=generator)
         self.model.train()
+        assert self.optimizer is not None
         loss_sum, correct, rate = 0.0, 0, protocol.learning_rate
-        for step, index in enumerate(order.to(self.device).split(batch_size)):
-            if len(index) == 1:
-                continue  # batch norm has no variance of one
-            rate = self._learning_rate((epoch * n_steps + step) / (protocol.epochs * n_steps))
-            for group in self.optimizer.param_groups:
-                group["lr"] = rate
-            labels = training.labels[index]
-            inputs = static[index] if static is not None else self._draw(training, index, generator)
-            logits = self.model(inputs)
-            loss = nn.functional.cross_entropy(logits, labels, label_smoothing=protocol.label_smoothing)
-            self.optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            self.optimizer.step()
-            loss_sum += loss.item() * len(index)
-            correct += int((logits.detach().argmax(dim=1) == labels).sum())
+        # Dropout draws from torch's own generator: seeded here like the others, and left as it was found.
+        with torch.random.fork_rng(devices=[self.device] if self.device.type == "cuda" else []):
+            torch.manual_seed(config.seed * 1_000_003 + epoch)
+            for step, index in enumerate(order.to(self.device).split(batch_size)):
+                if len(index) == 1:
+                    continue  # batch norm has no variance of one
+                rate = self._learning_rate((epoch * n_steps + step) / (protocol.epochs * n_steps))
+                for group in self.optimizer.param_groups:
+                    group["lr"] = rate
+                labels = training.labels[index]
+                inputs = static[index] if static is not None else self._draw(training, index, generator)
+                logits = self.model(inputs)
+                loss = nn.functional.cross_entropy(logits, labels, label_smoothing=protocol.label_smoothing)
+                if isinstance(self.model, PointNet):
+                    assert self.model.penalty is not None
+                    loss = loss + self.model.penalty
+                self.optimizer.zero_grad(set_to_none=True)
+                loss.backward()
+                self.optimizer.step()
+                loss_sum += loss.item() * len(index)
+                correct += int((logits.detach().argmax(dim=1) == labels).sum())
         return loss_sum / len(training), correct / len(training), rate
+
+    def _keep(self, training: PreparedClouds) -> tuple[float, float, float]:
+        """The epoch of k-nearest-neighbour: the clouds as they are; loss and accuracy by leave-one-out."""
+        assert isinstance(self.model, NearestNeighbours)
+        inputs = self.config.preprocess.arrange(training.candidates, training.valid)
+        scores = score(self.model.fit(inputs, training.labels), training.labels)
+        return scores.loss, scores.accuracy, 0.0
 
     def _draw(self, training: PreparedClouds, index: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         points, valid = augment(training.candidates[index], training.valid[index], self.config.augment, generator)
@@ -258,18 +284,20 @@ class _Run:
         return predict_log_probabilities(self.model, self.config.preprocess, clouds.candidates, clouds.valid)
 
     def _checkpoint(self, epoch: int) -> Checkpoint:
-        return Checkpoint(self.model, self.classes, self.config.preprocess, 1.0, epoch)
+        config = self.config
+        return Checkpoint(self.model, self.classes, config.preprocess, 1.0, epoch, config.model.name)
 
     def _save(self) -> None:
         moments: dict[str, torch.Tensor] = {}
         names = {id(parameter): name for name, parameter in self.model.named_parameters()}
-        for parameter, state in self.optimizer.state.items():
+        for parameter, state in self.optimizer.state.items() if self.optimizer else ():
             for key, value in state.items():
                 moments[f"{names[id(parameter)]}/{key}"] = value.detach().cpu().contiguous()
         progress = {
             "epoch": self.epoch,
             "seconds": self.seconds,
             "best": self.best,
+            "history": self.history,
             "classes": self.classes,
             "config": self.config.decisive(),
         }
@@ -283,13 +311,14 @@ class _Run:
         if state.progress["classes"] != self.classes:
             raise ConfigError(f"output {self.output} holds a run with classes {state.progress['classes']}")
         self.model.load_state_dict(read_checkpoint(self.output / "last").model.state_dict())
-        for name, parameter in self.model.named_parameters():
+        for name, parameter in self.model.named_parameters() if self.optimizer else ():
+            assert self.optimizer is not None
             self.optimizer.state[parameter] = {
                 key: state.optimizer[f"{name}/{key}"].to(parameter.device if key != "step" else "cpu")
                 for key in ("step", "exp_avg", "exp_avg_sq")
             }
         self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
-        self.best = state.progress["best"]
+        self.best, self.history = state.progress["best"], state.progress["history"]
 
 
 def _finished(output: Path, config: TrainConfig) -> dict[str, Any] | None:

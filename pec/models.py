@@ -1,0 +1,34 @@
+"""The classifiers by the names that `model=` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import nn
+
+from pec.fused import FusedPEC
+from pec.network import PEC
+from pec.rivals import DGCNN, NearestNeighbours, PointMLPElite, PointNet, PointNet2, VanillaPointNet
+
+__all__ = ["MODELS", "build_model", "fast_forward"]
+
+MODELS: dict[str, Callable[[int, int], nn.Module]] = {
+    "pec": PEC,
+    "pointnet": PointNet,
+    "pointnet_vanilla": VanillaPointNet,
+    "pointnet2": PointNet2,
+    "dgcnn": DGCNN,
+    "pointmlp_elite": PointMLPElite,
+    "knn": NearestNeighbours,
+}
+
+
+def build_model(name: str, n_points: int, n_classes: int) -> nn.Module:
+    """The classifier `name` of MODELS, (B, n_points, 3) → (B, n_classes) logits, with fresh weights."""
+    return MODELS[name](n_points, n_classes)
+
+
+def fast_forward(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
+    """The same function on the CPU, in evaluation and without gradients, by the quickest means that there are."""
+    return FusedPEC(model) if isinstance(model, PEC) else model.eval()

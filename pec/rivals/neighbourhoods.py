@@ -1,0 +1,48 @@
+"""Farthest points and nearest neighbours in batches of small clouds, by all pairs: quickest at tens of points.
+
+The order of the points decides nothing: sampling starts at the point farthest from the centroid, and of the points in
+a neighbourhood the nearest are taken, so a network made of these is invariant to permutations (but for ties).
+"""
+
+from __future__ import annotations
+
+import torch
+
+__all__ = ["farthest_points", "nearest", "squared_distances", "take"]
+
+
+def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """(B, N, C) and (B, M, C) → (B, N, M), not below zero."""
+    product = torch.baddbmm(b.square().sum(dim=2)[:, None], a, b.transpose(1, 2), alpha=-2)
+    return (product + a.square().sum(dim=2)[:, :, None]).clamp_min(0)
+
+
+def take(features: torch.Tensor, indices: torch.Tensor) -> torch.Tensor:
+    """features (B, N, C) at indices (B, …) → (B, …, C)."""
+    batch = torch.arange(len(features), device=features.device)
+    return features[batch.view(-1, *[1] * (indices.dim() - 1)), indices]
+
+
+def nearest(queries: torch.Tensor, points: torch.Tensor, k: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Squared distances and indices (B, M, min(k, N)) of the points (B, N, C) nearest each query (B, M, C)."""
+    found = squared_distances(queries, points).topk(min(k, points.shape[1]), dim=2, largest=False)
+    return found.values, found.indices
+
+
+@torch.no_grad()
+def farthest_points(points: torch.Tensor, n: int) -> torch.Tensor:
+    """Indices (B, n) of a farthest point sampling of (B, N, C), first the point farthest from the centroid.
+
+    The first m of them are the sampling of m points, and also that of m points out of these n: a hierarchy of
+    samplings is one sampling and its prefixes.
+    """
+    batch = torch.arange(len(points), device=points.device)
+    distances = squared_distances(points, points)
+    index = (points - points.mean(dim=1, keepdim=True)).square().sum(dim=2).argmax(dim=1)
+    chosen = [index]
+    left = distances[batch, index]
+    for _ in range(n - 1):
+        index = left.argmax(dim=1)
+        chosen.append(index)
+        left = torch.minimum(left, distances[batch, index])
+    return torch.stack(chosen, dim=1)
