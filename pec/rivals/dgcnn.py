@@ -53,9 +53,7 @@ class DGCNN(nn.Module):
     def __init__(self, n_points: int = 64, n_classes: int = 5) -> None:
         super().__init__()
         widths = (3, 64, 64, 128, 256)
-        self.edges = nn.ModuleList(
-            _EdgeConvolution(c_in, c_out) for c_in, c_out in itertools.pairwise(widths)
-        )
+        self.edges = nn.ModuleList(_EdgeConvolution(c_in, c_out) for c_in, c_out in itertools.pairwise(widths))
         self.points = Shared(sum(widths[1:]), 1024, bias=False, slope=_SLOPE)
         self.cloud = nn.Sequential(
             Shared(2048, 512, bias=False, slope=_SLOPE),
