@@ -1,17 +1,18 @@
-"""Labelled clouds in memory: loading, splitting, and the dissertation's defects."""
+"""Labelled clouds: loading, choosing, and the dissertation's defects."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from pec.errors import DatasetError
 from pec.shards import read_manifest, read_shard
+from pec.splits import read_splits, split_by_instance, split_by_sample
 
 __all__ = [
     "CloudDataset",
@@ -21,47 +22,54 @@ __all__ = [
     "split_by_sample",
 ]
 
+# A mapped file stays open, and a process may hold 1024 files: shards beyond these are read into memory.
+_MOST_MAPPED = 400
+
 
 @dataclass(frozen=True)
 class CloudDataset:
-    """Clouds of several classes, one after the other in `points`.
+    """Clouds of several classes.
 
     A class has instances (one mesh or one draw of a procedural shape), an instance has samples (one cloud each).
     """
 
     classes: list[str]
-    points: np.ndarray
-    """(M, 3) float32, metres."""
-    offsets: np.ndarray
-    """(n + 1,) int64: cloud i is points[offsets[i]:offsets[i + 1]]."""
+    clouds: list[np.ndarray]
+    """(N, 3) float32 each, metres; read-only views of the data set's files where it was loaded from such."""
     labels: np.ndarray
     """(n,) int64, index into `classes`."""
     instances: np.ndarray
     """(n,) int64, equal for samples of one instance, different between classes."""
     fingerprint: str
     """Differs where the data differ: the hashes of what was read."""
-    official_test: np.ndarray | None = None
-    """(n,) bool where the data come with a split of their own."""
+    test: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Splits that came with the data, by name ("sample", "instance", "official"): (n,) bool, true for test."""
 
     def __len__(self) -> int:
         return len(self.labels)
 
+    @property
+    def offsets(self) -> np.ndarray:
+        """(n + 1,) int64: 0 and the sums of the clouds' lengths."""
+        return np.cumsum([0, *map(len, self.clouds)], dtype=np.int64)
+
+    @property
+    def official_test(self) -> np.ndarray | None:
+        """(n,) bool where the data come with a split of their own."""
+        return self.test.get("official")
+
     def cloud(self, index: int) -> np.ndarray:
         """The (N, 3) float32 points of sample `index`."""
-        return self.points[self.offsets[index] : self.offsets[index + 1]]
+        return self.clouds[index]
 
     def subset(self, indices: np.ndarray) -> CloudDataset:
         """The samples `indices`, with all classes."""
-        lengths = np.diff(self.offsets)[indices]
-        clouds = [self.cloud(i) for i in indices]
-        return CloudDataset(
-            self.classes,
-            np.concatenate(clouds) if clouds else self.points[:0],
-            np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
-            self.labels[indices],
-            self.instances[indices],
-            self.fingerprint,
-            None if self.official_test is None else self.official_test[indices],
+        return replace(
+            self,
+            clouds=[self.clouds[i] for i in indices],
+            labels=self.labels[indices],
+            instances=self.instances[indices],
+            test={name: mask[indices] for name, mask in self.test.items()},
         )
 
 
@@ -71,15 +79,16 @@ def load_dataset(
     samples_per_instance: int | None = None,
     min_points: int = 1,
 ) -> CloudDataset:
-    """A generated data set's directory, or ModelNet10 as one .npz, whole, in memory.
+    """A generated data set's directory, or ModelNet10 as one .npz.
 
+    Of a directory every file is checked against its hash, and mapped: points are read from it when they are used.
     `classes` keeps only those, in that order; `samples_per_instance` keeps the first ones of each instance; clouds of
     fewer than `min_points` points are dropped. Raises DatasetError where there is none, it is broken or unfinished, a
     class is unknown, or a class is left without samples.
     """
     path = Path(path)
     dataset = _load_modelnet(path) if path.suffix == ".npz" else _load_generated(path)
-    keep = np.diff(dataset.offsets) >= min_points
+    keep = np.array([len(cloud) >= min_points for cloud in dataset.clouds], bool)
     if samples_per_instance is not None:
         keep &= _rank_within(dataset.instances) < samples_per_instance
     if classes is not None:
@@ -90,15 +99,7 @@ def load_dataset(
     dataset = dataset.subset(np.flatnonzero(keep))
     if classes is not None:
         new_label = np.array([classes.index(name) if name in classes else -1 for name in dataset.classes])
-        dataset = CloudDataset(
-            list(classes),
-            dataset.points,
-            dataset.offsets,
-            new_label[dataset.labels],
-            dataset.instances,
-            dataset.fingerprint,
-            dataset.official_test,
-        )
+        dataset = replace(dataset, classes=list(classes), labels=new_label[dataset.labels])
     for label, name in enumerate(dataset.classes):
         if not (dataset.labels == label).any():
             raise DatasetError(f"{path}: no sample of class {name!r} with at least {min_points} points")
@@ -109,17 +110,20 @@ def _load_generated(directory: Path) -> CloudDataset:
     manifest = read_manifest(directory)
     if not manifest.complete:
         raise DatasetError(f"{directory} is unfinished: run the same generation command again, it resumes")
-    shards = [read_shard(directory / record.file, record) for record in manifest.shards]
-    if not shards:
+    if not manifest.shards:
         raise DatasetError(f"{directory} holds no shards")
-    lengths = np.concatenate([np.diff(shard.offsets) for shard in shards])
+    shards = [
+        read_shard(directory / record.file, record, mapped=number < _MOST_MAPPED)
+        for number, record in enumerate(manifest.shards)
+    ]
+    instances = np.concatenate([shard.instance_index for shard in shards]).astype(np.int64)
     return CloudDataset(
         manifest.classes,
-        np.concatenate([shard.points for shard in shards]),
-        np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        [shard.cloud(index) for shard in shards for index in range(len(shard))],
         np.concatenate([shard.class_index for shard in shards]).astype(np.int64),
-        np.concatenate([shard.instance_index for shard in shards]).astype(np.int64),
+        instances,
         " ".join(record.sha256 for record in manifest.shards),
+        read_splits(directory, len(instances)),
     )
 
 
@@ -134,15 +138,14 @@ def _load_modelnet(path: Path) -> CloudDataset:
         except KeyError as error:
             raise DatasetError(f"{path} is not a ModelNet archive of this form: {error}") from error
     clouds = np.concatenate([points for points, _ in parts]).astype(np.float32)
-    n, n_points, _ = clouds.shape
+    n = len(clouds)
     return CloudDataset(
         names,
-        clouds.reshape(-1, 3),
-        np.arange(n + 1, dtype=np.int64) * n_points,
+        list(clouds),
         np.concatenate([labels for _, labels in parts]).astype(np.int64),
         np.arange(n, dtype=np.int64),
         hashlib.sha256(path.read_bytes()).hexdigest(),
-        np.arange(n) >= len(parts[0][1]),
+        {"official": np.arange(n) >= len(parts[0][1])},
     )
 
 
@@ -153,46 +156,6 @@ def _rank_within(groups: np.ndarray) -> np.ndarray:
     rank = np.empty(len(groups), np.int64)
     rank[order] = np.arange(len(groups)) - np.repeat(first, counts)
     return rank
-
-
-def split_by_sample(
-    dataset: CloudDataset, first_fraction: float, rng: np.random.Generator, among: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Two sorted index arrays; `first_fraction` of each instance's samples (of each class's where it has one each).
-
-    `among` restricts both to these indices. Every instance may be on both sides: objects are seen, views are not.
-    """
-    among = np.arange(len(dataset)) if among is None else among
-    strata = dataset.instances[among]
-    if len(np.unique(strata)) == len(strata):
-        strata = dataset.labels[among]
-    return _split(among, [among[strata == stratum] for stratum in np.unique(strata)], first_fraction, rng)
-
-
-def split_by_instance(
-    dataset: CloudDataset, first_fraction: float, rng: np.random.Generator, among: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Two sorted index arrays of which no instance is on both sides; at least one instance of each class on each.
-
-    Raises DatasetError where a class has a single instance.
-    """
-    among = np.arange(len(dataset)) if among is None else among
-    first: list[np.ndarray] = []
-    for label, name in enumerate(dataset.classes):
-        instances = np.unique(dataset.instances[among][dataset.labels[among] == label])
-        if len(instances) < 2:
-            raise DatasetError(f"cannot split by instance: class {name!r} has {len(instances)} instance(s)")
-        n_first = min(max(round(first_fraction * len(instances)), 1), len(instances) - 1)
-        first.append(rng.permutation(instances)[:n_first])
-    in_first = np.isin(dataset.instances[among], np.concatenate(first))
-    return among[in_first], among[~in_first]
-
-
-def _split(
-    among: np.ndarray, strata: list[np.ndarray], first_fraction: float, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    first = np.concatenate([rng.permutation(part)[: round(first_fraction * len(part))] for part in strata])
-    return np.sort(first), np.setdiff1d(among, first)
 
 
 def remove_around_random_point(points: np.ndarray, max_fraction: float, rng: np.random.Generator) -> np.ndarray:

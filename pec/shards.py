@@ -44,6 +44,7 @@ __all__ = [
     "read_manifest",
     "read_shard",
     "shard_name",
+    "write_json",
     "write_manifest",
     "write_shard",
 ]
@@ -180,7 +181,7 @@ def read_shard(path: str | os.PathLike[str], record: ShardRecord | None = None, 
     if not path.is_file():
         raise DatasetError(f"shard {path} does not exist; {_WAY_OUT}")
     try:
-        data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)
+        data = np.asarray(np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8))
     except ValueError as error:  # an empty file cannot be mapped
         raise DatasetError(f"shard {path} is damaged: {error}; {_WAY_OUT}") from error
     if record is not None and hashlib.sha256(data).hexdigest() != record.sha256:
@@ -189,7 +190,7 @@ def read_shard(path: str | os.PathLike[str], record: ShardRecord | None = None, 
             f"{_WAY_OUT}"
         )
     try:
-        tensors = _tensors(np.asarray(data))
+        tensors = _tensors(data)
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise DatasetError(f"shard {path} is not a readable safetensors file: {error}; {_WAY_OUT}") from error
     for name, dtype in _DTYPES.items():
@@ -225,8 +226,13 @@ def _tensors(data: np.ndarray) -> dict[str, np.ndarray]:
 def write_manifest(directory: str | os.PathLike[str], manifest: Manifest) -> Path:
     """Write DIR/manifest.json atomically and return its path."""
     path = Path(directory) / MANIFEST_NAME
-    _write_atomically(path, (json.dumps(asdict(manifest), indent=1) + "\n").encode())
+    write_json(path, asdict(manifest))
     return path
+
+
+def write_json(path: str | os.PathLike[str], content: Any, indent: int | None = 1) -> None:
+    """Write `content` as JSON, atomically."""
+    _write_atomically(Path(path), (json.dumps(content, indent=indent) + "\n").encode())
 
 
 def read_manifest(directory: str | os.PathLike[str]) -> Manifest:

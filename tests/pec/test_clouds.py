@@ -1,5 +1,6 @@
-"""Loading, splitting and damaging data sets."""
+"""Loading, choosing from and damaging data sets."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pec.clouds import load_dataset, remove_around_random_point, split_by_instance, split_by_sample
+from pec import clouds
+from pec.clouds import load_dataset, remove_around_random_point
 from pec.errors import DatasetError
 from pec.prepared import prepare
 from pec.preprocess import Preprocess
@@ -21,6 +23,36 @@ def test_generated_set_is_loaded_whole(shapes):
     assert np.bincount(dataset.labels).tolist() == [40, 40, 40]
     assert np.bincount(dataset.instances).tolist() == [20] * 6
     assert all(dataset.cloud(i).shape == (200, 3) for i in range(120))
+
+
+def test_clouds_are_read_only_views_of_the_files(shapes):
+    dataset = load_dataset(shapes)
+    owner = dataset.cloud(7)
+    while isinstance(owner.base, np.ndarray):
+        owner = owner.base
+    assert isinstance(owner, np.memmap)
+    assert not dataset.cloud(7).flags.writeable
+    assert dataset.offsets.tolist() == list(range(0, 120 * 200 + 1, 200))
+    assert dataset.subset(np.array([7, 3])).cloud(1) is dataset.cloud(3)
+
+
+def test_shards_beyond_those_that_may_stay_open_are_the_same(shapes, monkeypatch):
+    mapped = load_dataset(shapes)
+    monkeypatch.setattr(clouds, "_MOST_MAPPED", 1)
+    read = load_dataset(shapes)
+    assert all(np.array_equal(a, b) for a, b in zip(mapped.clouds, read.clouds, strict=True))
+
+
+def test_a_damaged_shard_is_named_with_the_way_out(shapes, tmp_path):
+    shutil.copytree(shapes, tmp_path / "data")
+    path = tmp_path / "data" / "shards" / "00001.safetensors"
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(
+        DatasetError, match=rf"{path} is not the file that the manifest lists.*makes.*damaged shards anew"
+    ):
+        load_dataset(tmp_path / "data")
 
 
 def test_chosen_classes_keep_their_clouds(shapes):
@@ -48,33 +80,6 @@ def test_missing_and_unfinished_sets_are_errors(shapes, tmp_path):
     write_manifest(tmp_path, replace(read_manifest(shapes), complete=False))
     with pytest.raises(DatasetError, match="unfinished"):
         load_dataset(tmp_path)
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 1000))
-def test_split_by_sample_takes_its_share_of_each_instance(shapes, seed):
-    dataset = load_dataset(shapes)
-    first, second = split_by_sample(dataset, 0.75, np.random.default_rng(seed))
-    assert sorted([*first, *second]) == list(range(len(dataset)))
-    assert np.bincount(dataset.instances[first]).tolist() == [15] * 6
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 1000), st.floats(0.05, 0.95))
-def test_split_by_instance_shares_none(shapes, seed, fraction):
-    dataset = load_dataset(shapes)
-    first, second = split_by_instance(dataset, fraction, np.random.default_rng(seed))
-    assert sorted([*first, *second]) == list(range(len(dataset)))
-    assert not set(dataset.instances[first]) & set(dataset.instances[second])
-    for part in (first, second):
-        assert set(dataset.labels[part]) == {0, 1, 2}
-
-
-def test_split_by_instance_of_single_instances_is_an_error(shapes):
-    dataset = load_dataset(shapes)
-    single = dataset.subset(np.flatnonzero(dataset.instances % 2 == 0))
-    with pytest.raises(DatasetError, match="'ball' has 1 instance"):
-        split_by_instance(single, 0.5, np.random.default_rng(0))
 
 
 def test_modelnet_archive_brings_its_own_split(tmp_path):
