@@ -1,4 +1,7 @@
-"""Holds looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked."""
+"""Holds looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked.
+
+This is the reference of `kernels.refine`, which repeats its arithmetic: sums and products stand in a fixed order.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping import libm
 from grasping.profiles import Holds
 
 FloatArray = NDArray[np.float64]
@@ -56,15 +60,12 @@ def refine(
     half = 0.5 * pad_width
     heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
     reach = 0.5 * holds.width + SEARCH
-    # Farther than this no point is between the pads or in the fingers' way, however a hold is turned and moved.
-    far = float(reach.max()) + half + BESIDE + STEPS * SEARCH + wished_room
     near = height > tip.min()
-    for coordinate, middle in ((xy[:, 0], x), (xy[:, 1], y)):
-        near &= (coordinate > middle.min() - far) & (coordinate < middle.max() + far)
-    points, height = _homogeneous(xy[near]), height[near]
+    points, height = xy[near], height[near]
     above = height > tip[:, None]
     for step in range(STEPS + 1):
-        along, across = _turned(points, heading, x, y)
+        cos, sin = libm.cos(heading), libm.sin(heading)
+        along, across = _turned(points, cos, sin, x, y)
         between = above & (np.abs(across) <= half) & (np.abs(along) <= reach[:, None])
         chosen = np.flatnonzero(between)
         hold = chosen // between.shape[1]
@@ -77,9 +78,9 @@ def refine(
         outermost[:, empty] = 0.0
         start, end = outermost[0], -outermost[1]
         middle = 0.5 * (start + end)
-        x, y = x + np.cos(heading) * middle, y + np.sin(heading) * middle
+        from_x, from_y, x, y = x, y, x + cos * middle, y + sin * middle
         if step < STEPS:
-            heading = heading - np.clip(np.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
+            heading = heading - np.clip(libm.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
 
     point = chosen - hold * between.shape[1]
     u, top = np.stack([u, -u]), np.full((2, len(tip)), -np.inf)
@@ -88,9 +89,7 @@ def refine(
         np.maximum.at(top[side], hold[touched], height[point[touched]])
     gap = _gap(along, across, above, start, end, half, wished_room)
     if len(blocker_xy):
-        along, across = _turned(
-            _homogeneous(blocker_xy), heading, x - np.cos(heading) * middle, y - np.sin(heading) * middle
-        )
+        along, across = _turned(blocker_xy, cos, sin, from_x, from_y)
         gap = np.minimum(gap, _gap(along, across, blocker_height > tip[:, None], start, end, half, wished_room))
     return Contacts(
         heading=heading,
@@ -98,7 +97,7 @@ def refine(
         y=y,
         tip=tip,
         width=end - start,
-        angle=np.abs(np.arctan(slope)).max(axis=0),
+        angle=np.abs(libm.arctan(slope)).max(axis=0),
         contact=_support(contour - outermost[:, :, None]).min(axis=0),
         overlap=np.where(empty, 0.0, top.min(axis=0) - tip),
         gap=gap,
@@ -106,16 +105,13 @@ def refine(
     )
 
 
-def _homogeneous(xy: FloatArray) -> FloatArray:
-    return np.stack([xy[:, 0], xy[:, 1], np.ones(len(xy))])
-
-
-def _turned(points: FloatArray, heading: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(M, N) coordinates along and across the closing axes of holds at (x, y) of homogeneous points (3, N)."""
-    cos, sin = np.cos(heading), np.sin(heading)
-    along = np.column_stack([cos, sin, -cos * x - sin * y])
-    across = np.column_stack([-sin, cos, sin * x - cos * y])
-    return along @ points, across @ points
+def _turned(
+    points: FloatArray, cos: FloatArray, sin: FloatArray, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(M, N) coordinates of points (N, 2) along and across the closing axes of holds at (x, y)."""
+    px, py = np.ascontiguousarray(points.T)
+    cos, sin, x, y = cos[:, None], sin[:, None], x[:, None], y[:, None]
+    return (cos * px + sin * py) - (cos * x + sin * y), (cos * py - sin * px) - (cos * y - sin * x)
 
 
 def _contours(hold: IntArray, u: FloatArray, v: FloatArray, half: float, count: int) -> FloatArray:

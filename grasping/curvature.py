@@ -6,17 +6,29 @@ with the neighbourhood, so values are comparable only between neighbourhoods of 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from grasping import libm
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 
 
 def covariances(neighbourhoods: FloatArray) -> FloatArray:
-    """(M, k, 3) neighbourhoods → (M, 3, 3) covariances about their own means."""
-    centred = neighbourhoods - neighbourhoods.mean(axis=1, keepdims=True)
-    return np.matmul(centred.transpose(0, 2, 1), centred) / neighbourhoods.shape[1]
+    """(M, k, 3) neighbourhoods → (M, 3, 3) covariances about their own means; sums run from the first to the last."""
+    count, k = neighbourhoods.shape[:2]
+    points = np.ascontiguousarray(neighbourhoods.transpose(1, 2, 0))
+    points = points - points.sum(axis=0) / k
+    covariance = np.empty((count, 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            covariance[:, i, j] = covariance[:, j, i] = (points[:, i] * points[:, j]).sum(axis=0) / k
+    return covariance
 
 
 def smallest_eigenvalue_share(covariance: FloatArray) -> FloatArray:
@@ -37,8 +49,8 @@ def smallest_eigenvalue_share(covariance: FloatArray) -> FloatArray:
     # p is 0 for a multiple of the identity, all of whose eigenvalues are the mean.
     cubed = p * square
     ratio = np.divide(half_determinant, cubed, out=np.zeros_like(p), where=cubed > 1e-300)
-    angle = np.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0
-    smallest = mean + 2.0 * p * np.cos(angle + 2.0 * np.pi / 3.0)
+    angle = libm.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0
+    smallest = mean + 2.0 * p * libm.cos(angle + 2.0 * np.pi / 3.0)
     return np.clip(np.divide(smallest, trace, out=np.zeros_like(trace), where=trace > 1e-300), 0.0, 1.0 / 3.0)
 
 
@@ -52,5 +64,22 @@ def variation_at(points: FloatArray, queries: FloatArray, k: int, tree: cKDTree 
     k = min(k, len(points))
     if k < 3:
         return np.zeros(len(queries))
-    _, index = (cKDTree(points) if tree is None else tree).query(queries, k=k)
+    if tree is None:
+        from scipy.spatial import cKDTree  # slow to import, and the default planner does without
+
+        tree = cKDTree(points)
+    _, index = tree.query(queries, k=k)
+    return smallest_eigenvalue_share(covariances(points[index]))
+
+
+def variation_among(points: FloatArray, queries: FloatArray, k: int) -> FloatArray:
+    """`variation_at` for few points: of equally near ones those with the lower index count, on every machine.
+
+    The reference of what `kernels.survey` does.
+    """
+    k = min(k, len(points))
+    if k < 3:
+        return np.zeros(len(queries))
+    dx, dy, dz = points.T[:, None, :] - queries.T[:, :, None]
+    index = np.argsort(dx * dx + dy * dy + dz * dz, axis=1, kind="stable")[:, :k]
     return smallest_eigenvalue_share(covariances(points[index]))

@@ -17,7 +17,12 @@ CYLINDER_BELOW = 0.40
 
 def primitive_of(sigma: NDArray[np.float64]) -> Primitive:
     """Name the primitive of a region from the σ (M,) of its points. The names depend on neighbourhood and view."""
-    delta = int(np.count_nonzero(sigma <= FLAT)) / len(sigma) if len(sigma) else 0.0
+    return primitive_by_share(int(np.count_nonzero(sigma <= FLAT)), len(sigma))
+
+
+def primitive_by_share(flat: int, count: int) -> Primitive:
+    """Name the primitive of a region of `count` points, `flat` of which have a σ of at most FLAT."""
+    delta = flat / count if count else 0.0
     if delta < SPHERE_BELOW:
         return "sphere"
     return "cylinder" if delta < CYLINDER_BELOW else "box"

@@ -3,14 +3,19 @@
 Seen along the approach, an object is a map of heights: whatever lies under its surface cannot be entered. The map is
 drawn once for each heading of the gripper; the rows that a pad covers give a profile of heights along the closing
 axis; and at each depth of the tips the profile says where a finger stands free and what is left between two of them.
+
+This is the reference of `kernels.scan`, which repeats its arithmetic: sums and products stand in a fixed order.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from grasping import libm
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -80,8 +85,7 @@ def scan(
     walls = bands
     if len(obstacle_xy):
         walls = np.maximum(bands, _band(_height_maps(obstacle_xy, obstacle_height, headings, row, (ny, nx))))
-    finger = int(np.ceil(finger_room / X_STEP))
-    wished = max(finger, int(np.ceil(wished_room / X_STEP)))
+    finger, wished = bins_of_room(finger_room, wished_room)
     runs = _pairs(bands.reshape(-1, nx), walls.reshape(-1, nx), tips, finger, wished)
     width = (runs.end - runs.start + 1) * X_STEP
     fits = width <= greatest_width
@@ -92,10 +96,17 @@ def scan(
     place = _Places(bands, headings, row)
     if len(runs.line) > MEASURED:
         x, y = place.centres(runs)
-        cost = np.hypot(x - centre[0], y - centre[1]) + 0.3 * (runs.end - runs.start) * X_STEP
+        x, y = x - centre[0], y - centre[1]
+        cost = np.sqrt(x * x + y * y) + 0.3 * (runs.end - runs.start) * X_STEP
         cost -= 0.02 * np.minimum(place.overlap(runs), 0.03) / 0.03 + 0.01 * runs.room
-        runs = runs.take(np.sort(np.argpartition(cost, MEASURED)[:MEASURED]))
+        runs = runs.take(np.sort(np.argsort(cost, kind="stable")[:MEASURED]))
     return Scan(_measure(maps, runs, place), too_wide, narrowest)
+
+
+def bins_of_room(finger_room: float, wished_room: float) -> tuple[int, int]:
+    """Bins that a finger needs beside the object, and had better have."""
+    finger = math.ceil(finger_room / X_STEP)
+    return finger, max(finger, math.ceil(wished_room / X_STEP))
 
 
 @dataclass(frozen=True)
@@ -142,11 +153,16 @@ class _Places:
 def _height_maps(xy: FloatArray, height: FloatArray, headings: FloatArray, row: float, shape: tuple[int, int]) -> Maps:
     """(headings, ny, nx) greatest height in each cell of the map turned by each heading, −inf where it is empty."""
     ny, nx = shape
-    cos, sin = np.cos(headings), np.sin(headings)
+    cos, sin = np.cos(headings)[:, None], np.sin(headings)[:, None]
+    x, y = np.ascontiguousarray(xy.T)
     # One more column and line on either side take what lies outside of the map.
-    column = np.column_stack([cos, sin]) * (1.0 / X_STEP) @ xy.T
+    column = cos * x
+    column += sin * y
+    column *= 1.0 / X_STEP
     column += 0.5 * nx + 1.0
-    line = np.column_stack([-sin, cos]) * (1.0 / row) @ xy.T
+    line = cos * y
+    line -= sin * x
+    line *= 1.0 / row
     line += 0.5 * ny + 1.0
     flat = np.clip(line, 0, ny + 1, out=line).astype(np.int64)
     flat += np.arange(len(headings))[:, None] * (ny + 2)
@@ -223,7 +239,7 @@ def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
     present = np.asarray(above.any(axis=2))
     left = _slope(above.argmax(axis=2), present, place.row)
     right = _slope(nx - 1 - above[:, :, ::-1].argmax(axis=2), present, place.row)
-    turn = np.arctan(0.5 * (left + right))
+    turn = libm.arctan(0.5 * (left + right))
     x, y = place.centres(runs)
     return Holds(
         heading=place.headings[heading],
@@ -232,7 +248,7 @@ def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
         tip=runs.tip,
         width=np.asarray((runs.end - runs.start + 1) * X_STEP, dtype=np.float64),
         overlap=place.overlap(runs),
-        angle=np.maximum(np.abs(np.arctan(left) - turn), np.abs(np.arctan(right) - turn)),
+        angle=np.maximum(np.abs(libm.arctan(left) - turn), np.abs(libm.arctan(right) - turn)),
         room=runs.room,
         whole=whole,
     )

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature import variation_at
+from grasping.curvature import variation_among
 from grasping.grasp import RegionReport
-from grasping.primitives import all_alike, primitive_of
+from grasping.primitives import FLAT, all_alike, primitive_by_share
 from grasping.profiles import Holds
 from grasping.views import View, last_in_cells
 
@@ -20,7 +21,9 @@ IntArray = NDArray[np.int64]
 
 THINNED = 150  # cells of the footprint, on the highest point in each of which σ is measured
 NEIGHBOURS = 10
+LEAST_CELL = 0.002  # m
 PART_GAP = 0.010  # m along the closing axis at which a slab falls apart: less than that no finger enters
+MOST_SLABS = 10**6  # a bound for grippers that do not exist
 SIMILAR_LENGTH = 0.008  # m, as published
 
 
@@ -50,78 +53,95 @@ class Survey:
         return bool(ordered) and all_alike(primitives, [region.width for region in ordered], SIMILAR_LENGTH)
 
 
-def survey(view: View, holds: Holds | None, slab_height: float, greatest_width: float) -> Survey:
+@dataclass(frozen=True)
+class Parts:
+    """R slabs and parts of slabs of a view's N points.
+
+    order: (N,) the view's points, by slab and then along x. table: (R, 7) int64, a row a part: slab, its index among
+    the slab's parts or −1 for the whole slab, first point in that order, one after the last, flat ones of the points
+    that σ was measured on, number of those, whether a hold's centre lies in it. low, high: (R, 2) corners of the
+    footprint. curvature: (R,) sum of the two lateral σ.
+    """
+
+    order: IntArray
+    table: IntArray
+    low: FloatArray
+    high: FloatArray
+    curvature: FloatArray
+
+
+def survey(
+    view: View,
+    holds: Holds | None,
+    slab_height: float,
+    greatest_width: float,
+    measure: Callable[[View, Holds | None, float], Parts] | None = None,
+) -> Survey:
+    """Report on slabs of about this height, m, and on their parts. A region is a "candidate" where the scan found a
+    hold whose centre lies in it. measure: `measured_parts` or its compiled likeness.
+    """
+    parts = (measure or measured_parts)(view, holds, slab_height)
+    in_cloud = view.origin + np.column_stack([view.xy, view.height])[parts.order] @ view.axes.T
+    widths = (parts.high[:, 0] - parts.low[:, 0]).tolist()
+    regions = []
+    for row, width, curvature in zip(parts.table.tolist(), widths, parts.curvature.tolist(), strict=True):
+        slab, cluster, start, stop, flat, seen, held = row
+        if held:
+            verdict = "candidate"
+        elif width > greatest_width:
+            verdict = f"too wide: {width * 1e3:.0f} mm"
+        else:
+            verdict = "no room for the fingers"
+        primitive, part = primitive_by_share(flat, seen), None if cluster < 0 else cluster
+        regions.append(RegionReport(in_cloud[start:stop], primitive, width, curvature, verdict, slab, part))
+    return Survey(view, regions, parts.low, parts.high)
+
+
+def measured_parts(view: View, holds: Holds | None, slab_height: float) -> Parts:
     """Cut into slabs of about this height, evenly, so that the last one is whole, and those into their parts.
 
-    A region is a "candidate" where the scan found a hold whose centre lies in it.
+    This is the reference of `kernels.measured_parts`, which repeats its arithmetic.
     """
     local = np.column_stack([view.xy, view.height])
     x, y = np.ascontiguousarray(view.xy.T)
     bottom, top = float(y.min()), float(y.max())
     cell = math.sqrt(float(np.ptp(x)) * (top - bottom) / THINNED)
-    thinned = local[last_in_cells(view.xy, max(cell, 0.002))]
+    thinned = local[last_in_cells(view.xy, max(cell, LEAST_CELL))]
     length = max(top - bottom, 1e-9)
-    count = max(1, round(length / slab_height))
+    count = min(max(1, round(length / slab_height)), MOST_SLABS)
     slab_of = np.minimum(((top - y) * (count / length)).astype(np.int64), count - 1)
     order = np.lexsort((x, slab_of))
     local, x, y = local[order], x[order], y[order]
-    parts = _parts(x, slab_of[order])
-    starts, stops = np.array([part[2:] for part in parts], dtype=np.int64).reshape(-1, 2).T
-    low = np.column_stack([x[starts], [y[start:stop].min() for _, _, start, stop in parts]])
-    high = np.column_stack([x[stops - 1], [y[start:stop].max() for _, _, start, stop in parts]])
+    pieces = _pieces(x, slab_of[order])
+    starts, stops = pieces[:, 2], pieces[:, 3]
+    low = np.column_stack([x[starts], [y[start:stop].min() for start, stop in pieces[:, 2:]]]).reshape(-1, 2)
+    high = np.column_stack([x[stops - 1], [y[start:stop].max() for start, stop in pieces[:, 2:]]]).reshape(-1, 2)
     sides = np.column_stack([starts, stops - 1]).reshape(-1)
-    sigma = variation_at(thinned, np.concatenate([thinned, local[sides]]), NEIGHBOURS)
-    lateral = sigma[len(thinned) :].reshape(-1, 2).sum(axis=1).tolist()
-    widths = (high[:, 0] - low[:, 0]).tolist()
+    sigma = variation_among(thinned, np.concatenate([thinned, local[sides]]), NEIGHBOURS)
     owner = _inside(thinned[:, :2], low, high)
-    verdicts = _verdicts(low, high, holds, greatest_width)
-    in_cloud = view.origin + local @ view.axes.T
-    regions = [
-        RegionReport(
-            points=in_cloud[start:stop],
-            primitive=primitive_of(sigma[: len(thinned)][owner[i]]),
-            width=widths[i],
-            curvature=lateral[i],
-            verdict=verdicts[i],
-            slab=slab,
-            cluster=cluster,
-        )
-        for i, (slab, cluster, start, stop) in enumerate(parts)
-    ]
-    return Survey(view, regions, low, high)
+    flat = (owner & (sigma[: len(thinned)] <= FLAT)).sum(axis=1)
+    held = np.zeros(len(pieces), dtype=bool)
+    if holds is not None:
+        held |= _inside(np.column_stack([holds.x, holds.y]), low, high).any(axis=1)
+    table = np.column_stack([pieces, flat, owner.sum(axis=1), held])
+    return Parts(order, table, low, high, sigma[len(thinned) :].reshape(-1, 2).sum(axis=1))
 
 
-def _parts(x: FloatArray, slab: IntArray) -> list[tuple[int, int | None, int, int]]:
+def _pieces(x: FloatArray, slab: IntArray) -> IntArray:
     """Slabs and, of those that fall apart along x, the parts from the left; each of three points or more.
 
-    x, slab (N,): sorted by slab and then by x. Returns (slab, index of the part or None, first point, one after last).
+    x, slab (N,): sorted by slab and then by x. Rows are (slab, index of the part or −1, first point, one after last).
     """
     breaks = np.flatnonzero((np.diff(x) > PART_GAP) | (np.diff(slab) > 0)) + 1
-    pieces = list(pairwise([0, *breaks.tolist(), len(x)]))
-    found: list[tuple[int, int | None, int, int]] = []
-    for number, group in groupby(pieces, key=lambda piece: int(slab[piece[0]])):
+    found: list[tuple[int, int, int, int]] = []
+    for number, group in groupby(pairwise([0, *breaks.tolist(), len(x)]), key=lambda piece: int(slab[piece[0]])):
         within = list(group)
-        regions = [(None, (within[0][0], within[-1][1])), *(enumerate(within) if len(within) > 1 else ())]
+        regions = [(-1, (within[0][0], within[-1][1])), *(enumerate(within) if len(within) > 1 else ())]
         found += [(number, index, start, stop) for index, (start, stop) in regions if stop - start >= 3]
-    return found
+    return np.array(found, dtype=np.int64).reshape(-1, 4)
 
 
 def _inside(xy: FloatArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
     """(R, M) whether each of the points (M, 2) lies in each of the rectangles (R, 2) … (R, 2)."""
     (x, y), (x0, y0), (x1, y1) = xy.T, low.T[:, :, None], high.T[:, :, None]
     return (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
-
-
-def _verdicts(low: FloatArray, high: FloatArray, holds: Holds | None, greatest_width: float) -> list[str]:
-    held = np.zeros(len(low), dtype=bool)
-    if holds is not None:
-        held |= _inside(np.column_stack([holds.x, holds.y]), low, high).any(axis=1)
-    verdicts = []
-    for width, candidate in zip((high[:, 0] - low[:, 0]).tolist(), held.tolist(), strict=True):
-        if candidate:
-            verdicts.append("candidate")
-        elif width > greatest_width:
-            verdicts.append(f"too wide: {width * 1e3:.0f} mm")
-        else:
-            verdicts.append("no room for the fingers")
-    return verdicts

@@ -1,0 +1,61 @@
+/* The compiled half of the planner's hot path; every function repeats a NumPy reference of this package bit for bit.
+ *
+ * That is why nothing here may be contracted or reordered by the compiler (see setup.py), why ties are broken by an
+ * index and why angles come from the C library, which the reference calls through Python's `math`.
+ * All lengths in m, angles in rad. Nothing here touches Python: callers may release the interpreter's lock. */
+#ifndef GRASPING_KERNELS_H
+#define GRASPING_KERNELS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define OUT_OF_MEMORY (-1)
+#define TOO_LARGE (-2)
+
+/* Points seen along the approach: rows of an array (3, count). */
+typedef struct {
+    const double *x, *y, *height;
+    ptrdiff_t count;
+} Points;
+
+/* profiles.py */
+enum { HOLD_HEADING, HOLD_X, HOLD_Y, HOLD_TIP, HOLD_WIDTH, HOLD_OVERLAP, HOLD_ANGLE, HOLD_ROOM, HOLD_WHOLE, HOLD_TERMS };
+#define MEASURED 160
+
+typedef struct {
+    const double *tips, *headings, *cosines, *sines;
+    ptrdiff_t tip_count, heading_count;
+    double pad_width, wished_room, greatest_width, centre_x, centre_y;
+    int finger, wished; /* bins of free space that a finger needs beside the object, and had better have */
+} ScanSettings;
+
+typedef struct {
+    ptrdiff_t count;
+    double too_wide, narrowest;
+} ScanResult;
+
+/* holds: (HOLD_TERMS, MEASURED), of which each row's first `count` are written. Returns 0 or an error. */
+int scan_holds(Points object, Points others, const ScanSettings *settings, double *holds, ScanResult *result);
+
+/* contacts.py */
+enum {
+    CONTACT_HEADING, CONTACT_X, CONTACT_Y, CONTACT_WIDTH, CONTACT_ANGLE, CONTACT_SHARE, CONTACT_OVERLAP, CONTACT_GAP,
+    CONTACT_EMPTY, CONTACT_TERMS
+};
+
+/* heading … width: arrays of `count` coarse holds. contacts: (CONTACT_TERMS, count). Returns 0 or an error. */
+int refine_holds(
+    Points object, Points others, const double *heading, const double *x, const double *y, const double *tip,
+    const double *width, ptrdiff_t count, double pad_width, double wished_room, double *contacts);
+
+/* survey.py */
+enum { PART_SLAB, PART_CLUSTER, PART_START, PART_STOP, PART_FLAT, PART_SEEN, PART_HELD, PART_COUNTS };
+enum { PART_LOW_X, PART_LOW_Y, PART_HIGH_X, PART_HIGH_Y, PART_CURVATURE, PART_MEASURES };
+
+/* order: (count) of the object's points, by slab and then along x. parts: (object.count, PART_COUNTS); measures:
+ * (object.count, PART_MEASURES). Returns the number of parts or an error. */
+ptrdiff_t survey_regions(
+    Points object, const double *hold_x, const double *hold_y, ptrdiff_t hold_count, double slab_height, double flat,
+    int64_t *order, int64_t *parts, double *measures);
+
+#endif

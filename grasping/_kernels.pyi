@@ -1,0 +1,53 @@
+"""The compiled kernels, written in _kernels.c. Arrays are contiguous; points are rows x, y, height of a (3, N) array."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+INTERFACE: int
+
+def scan(
+    object: NDArray[np.float64],
+    others: NDArray[np.float64],
+    tips: NDArray[np.float64],
+    headings: NDArray[np.float64],
+    cosines: NDArray[np.float64],
+    sines: NDArray[np.float64],
+    pad_width: float,
+    wished_room: float,
+    greatest_width: float,
+    centre_x: float,
+    centre_y: float,
+    finger: int,
+    wished: int,
+    holds: NDArray[np.float64],
+    /,
+) -> tuple[int, float, float]:
+    """Fill `holds` (9, 160), one column a hold; return their number, that of the too wide ones, and their least width."""
+
+def refine(
+    object: NDArray[np.float64],
+    others: NDArray[np.float64],
+    heading: NDArray[np.float64],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    tip: NDArray[np.float64],
+    width: NDArray[np.float64],
+    pad_width: float,
+    wished_room: float,
+    contacts: NDArray[np.float64],
+    /,
+) -> None:
+    """Fill `contacts` (9, M), one column a hold."""
+
+def survey(
+    object: NDArray[np.float64],
+    hold_x: NDArray[np.float64],
+    hold_y: NDArray[np.float64],
+    slab_height: float,
+    flat: float,
+    order: NDArray[np.int64],
+    parts: NDArray[np.int64],
+    measures: NDArray[np.float64],
+    /,
+) -> int:
+    """Fill `order` (N,), and `parts` (N, 7) and `measures` (N, 5) from the top; return the number of parts."""
