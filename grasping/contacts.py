@@ -18,7 +18,7 @@ IntArray = NDArray[np.int64]
 
 CONTOUR_ROWS = 5  # parts of a pad's width over which each contour is drawn
 TOUCHING = 0.006  # m: a contour farther behind the outermost part does not help to hold
-ROUGHNESS = 0.002  # m: pads are soft and clouds are noisy, a contour this near to it helps in full
+ROUGHNESS = 0.003  # m: pads are soft and clouds are noisy, a contour this near to it helps in full
 CONTACT_BAND = 0.004  # m behind the outermost points: how high the surface is there says how steep it is
 BESIDE = 0.003  # m on either side of a finger that must be free as well
 SEARCH = 0.006  # m beyond the coarse extent in which the object's outermost points are looked for
