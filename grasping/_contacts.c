@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 enum { CONTOUR_ROWS = 5, STEPS = 2 };
-static const double TOUCHING = 0.006, ROUGHNESS = 0.002, CONTACT_BAND = 0.004, BESIDE = 0.003, SEARCH = 0.006;
+static const double TOUCHING = 0.006, ROUGHNESS = 0.003, CONTACT_BAND = 0.004, BESIDE = 0.003, SEARCH = 0.006;
 static const double MOST_TURN = 0.15;
 
 /* A closing axis through (x, y), and what the coordinates along and across it are measured from. */
