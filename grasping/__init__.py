@@ -9,7 +9,7 @@ from grasping.grasp import Grasp, GraspPlan, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.planner import CurvaturePlanner
 from grasping.published import PublishedPlanner
-from grasping.rivals import CentroidPlanner
+from grasping.rivals import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
 from grasping.scene import Rejected, Scene, Segmenter
 from grasping.selective import Selection, SelectiveGrasper
 
@@ -19,6 +19,7 @@ __all__ = [
     "CloudError",
     "ConfigError",
     "CurvaturePlanner",
+    "GeoGraspPlanner",
     "Grasp",
     "GraspPlan",
     "Gripper",
@@ -29,4 +30,5 @@ __all__ = [
     "Segmenter",
     "Selection",
     "SelectiveGrasper",
+    "SinglePrimitivePlanner",
 ]

@@ -19,7 +19,7 @@ from grasping.errors import ConfigError
 from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.primitives import all_alike, primitive_of
-from grasping.regions import euclidean_clusters, object_axes, principal_axes, slabs
+from grasping.regions import euclidean_clusters, object_axes, principal_axes, slabs, thinned, way_in
 
 FloatArray = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ class PublishedPlanner:
         """
         cloud = object_cloud(points)
         up_vector, plane, _ = workspace(up, table, obstacles)
-        cloud = _thin(cloud, self.n_points)
+        cloud = thinned(cloud, self.n_points)
         centroid = cloud.mean(axis=0)
         axes = object_axes(cloud)
         local = (cloud - centroid) @ axes
@@ -207,15 +207,6 @@ class PublishedPlanner:
         return Grasp(pose, high - low, score, "primitive" if kind == "primitive" else "region", region, terms)
 
 
-def _thin(cloud: FloatArray, count: int) -> FloatArray:
-    """Every (N / count)-th point in the order of the long axis: the same points whatever their order was."""
-    if len(cloud) <= count:
-        return cloud
-    local = (cloud - cloud.mean(axis=0)) @ principal_axes(cloud)
-    order = np.argsort(local[:, 0], kind="stable")
-    return cloud[order[np.linspace(0, len(cloud) - 1, count).round().astype(np.int64)]]
-
-
 def _aligned(points: FloatArray, axes: FloatArray) -> FloatArray:
     """PCA of a region, its axes named after the object's: right-handed (3, 3), columns nearest to x, y, z of `axes`."""
     own = principal_axes(points)
@@ -230,10 +221,7 @@ def _aligned(points: FloatArray, axes: FloatArray) -> FloatArray:
 def _hand(points: FloatArray, axes: FloatArray, up: FloatArray | None) -> FloatArray:
     """Grasp frame (3, 3) from the region's axes: see the class for the two rules."""
     if up is None:
-        # A seen surface bulges towards the camera: few points lie far behind, so the tail shows the way in.
-        depth = (points - points.mean(axis=0)) @ axes[:, 2]
-        sign = -1.0 if float((depth**3).sum()) < 0.0 else 1.0
-        approach, closing = sign * axes[:, 2], axes[:, 0]
+        approach, closing = way_in(points, axes[:, 2]), axes[:, 0]
     else:
         approach = -up
         upright = np.abs(up @ axes)

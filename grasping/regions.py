@@ -34,6 +34,26 @@ def object_axes(points: FloatArray) -> FloatArray:
     return np.column_stack([second, long, np.cross(second, long)])
 
 
+def thinned(points: FloatArray, count: int) -> FloatArray:
+    """Every (N / count)-th point in the order of the long axis: the same points whatever their order was."""
+    if len(points) <= count:
+        return points
+    along = (points - points.mean(axis=0)) @ principal_axes(points)[:, 0]
+    order = np.argsort(along, kind="stable")
+    return points[order[np.linspace(0, len(points) - 1, count).round().astype(np.int64)]]
+
+
+def way_in(points: FloatArray, axis: FloatArray) -> FloatArray:
+    """The unit axis (3,), turned away from whoever saw the points (N, 3).
+
+    A seen surface bulges towards the camera: what is farther out across the axis lies farther behind along it.
+    """
+    offset = points - points.mean(axis=0)
+    depth = offset @ axis
+    outward = (offset * offset).sum(axis=1) - depth * depth
+    return -axis if float(depth @ outward) < 0.0 else axis
+
+
 def slabs(y: FloatArray, height: float) -> list[IntArray]:
     """Cut along y (N,) from y_max downward into slabs of this height, the last one partial: indices of each.
 

@@ -17,6 +17,7 @@ from grasping.regions import principal_axes
 class CentroidPlanner:
     """Grasp at the cloud's centroid from straight above, closing along the shorter horizontal axis of its PCA.
 
+    The centroid and the approach are the source's. It has no rule for the heading; a gripper needs one.
     tip_clearance: the pads' tips are kept this far above a known table, m.
     """
 
