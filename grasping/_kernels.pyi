@@ -1,4 +1,4 @@
-"""The compiled kernels, written in _kernels.c. Arrays are contiguous; points are rows x, y, height of a (3, N) array."""
+"""The compiled kernels, written in _kernels.c. Arrays are contiguous; points are rows x, y, height of (3, N) arrays."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ def scan(
     holds: NDArray[np.float64],
     /,
 ) -> tuple[int, float, float]:
-    """Fill `holds` (9, 160), one column a hold; return their number, that of the too wide ones, and their least width."""
+    """Fill `holds` (9, 160), one column a hold; return their number, how many are too wide, their least width."""
 
 def refine(
     object: NDArray[np.float64],
