@@ -27,15 +27,15 @@ class GripperPart:
 def gripper_parts(gripper: Gripper, opening: float) -> list[GripperPart]:
     """The parts at an opening (metres) in the grasp frame: origin midway between the pads, +z approach, +x closing.
 
-    Pads, the distance to the flange and the cranks' swing are the gripper's own; the outline of palm and fingers is a
-    likeness. A part's mesh does not depend on the opening, only its pose does.
+    Pads, palm, the distance to the flange and the cranks' swing are the gripper's own; the outline of the fingers, and
+    of a palm without measures, is a likeness. A part's mesh does not depend on the opening, only its pose does.
     """
     pad = (gripper.finger_thickness, gripper.finger_width, gripper.pad_length)
     outward = opening / 2 + gripper.finger_thickness / 2
     flange = -gripper.pad_depth(opening)
     if not gripper.crank_length:
         return _prismatic(gripper, pad, outward, flange)
-    radius = _PALM_RADIUS_OF_STROKE * gripper.stroke
+    radius = gripper.palm_width / 2 or _PALM_RADIUS_OF_STROKE * gripper.stroke
     parts = [GripperPart("palm", *_prism(radius, gripper.palm_depth), _BODY_RGB, _at(0, flange))]
     sine = (opening + gripper.crank_gap) / (2 * gripper.crank_length)
     swing = gripper.crank_length * np.array([sine, 0, np.sqrt(1 - sine * sine)])
@@ -55,7 +55,8 @@ def gripper_parts(gripper: Gripper, opening: float) -> list[GripperPart]:
 
 def _prismatic(gripper: Gripper, pad: tuple[float, float, float], outward: float, flange: float) -> list[GripperPart]:
     """Jaws that slide along a wide palm."""
-    body = _box((gripper.stroke + 2 * gripper.finger_thickness, 2.2 * gripper.finger_width, gripper.palm_depth))
+    across = gripper.palm_width or gripper.stroke + 2 * gripper.finger_thickness
+    body = _box((across, gripper.palm_breadth or 2.2 * gripper.finger_width, gripper.palm_depth))
     face = flange + gripper.palm_depth
     parts = [GripperPart("palm", *body, _BODY_RGB, _at(0, flange + gripper.palm_depth / 2))]
     jaw = -gripper.pad_length / 2 - face

@@ -3,7 +3,6 @@
 "use strict";
 
 const pgvViewer = (() => {
-  const FIELD_OF_VIEW = (28 * Math.PI) / 180;
   const GRIPPER_ID = 100000; // ids below are layers
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -56,8 +55,8 @@ const pgvViewer = (() => {
       const back = [0, 1, 2].map((k) => c * (Math.cos(this.yaw) * this.east[k] + Math.sin(this.yaw) * this.north[k])
         + s * this.data.up[k]);
       const right = [0, 1, 2].map((k) => Math.cos(this.yaw) * this.north[k] - Math.sin(this.yaw) * this.east[k]);
-      const focal = Math.min(width, height) / (2 * Math.tan(FIELD_OF_VIEW / 2));
-      const distance = (0.86 * this.data.radius) / Math.sin(FIELD_OF_VIEW / 2) / this.zoom;
+      const focal = Math.min(width, height) / (2 * Math.tan(this.data.field_of_view / 2));
+      const distance = this.data.distance / this.zoom;
       return { right, up: cross(back, right), back, target: this.target, distance, focal };
     }
 

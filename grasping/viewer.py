@@ -10,10 +10,11 @@ from __future__ import annotations
 import base64
 import html
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,6 +25,7 @@ from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.gripper_shape import gripper_parts
 
 _REGIONS = "Regions"
+_FIELD_OF_VIEW = math.radians(28)  # of the shorter side of a picture
 _PALETTE = ("#2f7ed8", "#e08a1e", "#1fa187", "#c2549d", "#8a6fd1", "#6b8e23", "#d1603d", "#4aa3a2")
 _BEST_RGB, _WORST_RGB = (20, 160, 140), (226, 190, 84)
 _REJECTED_RGB = (176, 128, 132)
@@ -35,13 +37,25 @@ class Layer:
 
     points: (M, 3), metres, in the frame that all layers and the plan of a figure share. label: the first line that
     is shown on hover, and the legend's text. details: further lines. group: layers of one group are seen together,
-    and a switch chooses between groups.
+    and a switch chooses between groups. rgb: its colour; None: one that differs from its neighbours'. grasp: where a
+    figure has no plan, the gripper is drawn at the grasps of its layers, the best first.
     """
 
     points: np.ndarray
     label: str
     details: tuple[str, ...] = ()
     group: str = "Objects"
+    rgb: tuple[int, int, int] | None = None
+    grasp: Grasp | None = None
+
+
+def score_rgb(score: float | None) -> tuple[int, int, int]:
+    """The colour of a score in [0, 1]; None: there is no grasp."""
+    if score is None:
+        return _REJECTED_RGB
+    quality = min(max(score, 0.0), 1.0)
+    red, green, blue = (round(w + quality * (b - w)) for w, b in zip(_WORST_RGB, _BEST_RGB, strict=True))
+    return red, green, blue
 
 
 def fragment(
@@ -75,7 +89,8 @@ def fragment(
     for index, layer in enumerate(layers):
         shapes.append(_points(layer.points, f"layers[{index}].points"))
         text = [layer.label, *layer.details]
-        entries.append({"group": layer.group, "rgb": _rgb(_PALETTE[index % len(_PALETTE)]), "text": text})
+        rgb = _rgb(_PALETTE[index % len(_PALETTE)]) if layer.rgb is None else list(layer.rgb)
+        entries.append({"group": layer.group, "rgb": rgb, "text": text})
     subject = [shape for shape in shapes if len(shape)]
     if cloud is not None:
         shapes.append(_points(cloud, "cloud"))
@@ -83,10 +98,12 @@ def fragment(
     if not any(len(shape) for shape in shapes):
         raise CloudError("nothing to draw: plan, cloud and layers hold no finite point")
 
-    grasps, parts, drawn = _grasps(plan, gripper, max_grasps)
+    steps = _steps(plan, layers)[:max_grasps]
+    grasps, parts, drawn = _grasps(steps, gripper)
     extent = np.concatenate([*(subject or shapes), *drawn])
     target = (extent.min(axis=0) + extent.max(axis=0)) / 2
     radius = float(np.linalg.norm(extent - target, axis=1).max()) or 0.05
+    eye = _eye(steps[0].grasp if steps else None, target, up_axis)
     # What is told apart keeps its points as far as they fit; the surroundings get what is left.
     n_subject = sum(map(len, subject))
     share = min(1.0, 0.8 * max_points / max(1, n_subject))
@@ -101,7 +118,9 @@ def fragment(
         "gripper": parts,
         "group": groups[0] if groups else None,
         "up": _rounded(up_axis),
-        "eye": _rounded(_eye(plan, target, up_axis)),
+        "eye": _rounded(eye),
+        "distance": round(_fitting_distance(extent - target, eye, up_axis), 5),
+        "field_of_view": _FIELD_OF_VIEW,
         "target": _rounded(target),
         "radius": round(radius, 5),
     }
@@ -208,25 +227,45 @@ def _region_entry(plan: GraspPlan, index: int) -> dict[str, Any]:
         text.insert(2, f"rank {rank + 1} of {len(scores)}, score {scores[rank]:.3g}")
         span = scores[0] - scores[-1]
         quality = (scores[rank] - scores[-1]) / span if span else 1.0
-        rgb = [round(w + quality * (b - w)) for w, b in zip(_WORST_RGB, _BEST_RGB, strict=True)]
+        rgb = score_rgb(quality)
     elif any(grasp.kind == "primitive" for grasp in plan.candidates):
         rgb = _BEST_RGB  # the whole object is one primitive: every region of it is grasped
     return {"group": _REGIONS, "rgb": list(rgb), "text": text}
 
 
-def _grasps(plan: GraspPlan | None, gripper: Gripper, limit: int) -> tuple[list, list, list[np.ndarray]]:
-    """The candidates with each gripper part's pose, the parts, and the best grasp's vertices in the cloud's frame."""
-    candidates = list(plan.candidates[:limit]) if plan is not None else []
+class _Step(NamedTuple):
+    """A place of the slider: the grasp, the index of the layer that it holds, and what is said of it."""
+
+    grasp: Grasp
+    layer: int | None
+    text: list[str]
+
+
+def _steps(plan: GraspPlan | None, layers: Sequence[Layer]) -> list[_Step]:
+    if plan is not None:
+        return [
+            _Step(each, each.region, _words(each, "whole object" if each.region is None else f"region {each.region}"))
+            for each in plan.candidates
+        ]
+    held = [
+        _Step(layer.grasp, k, _words(layer.grasp, layer.label))
+        for k, layer in enumerate(layers)
+        if layer.grasp is not None
+    ]
+    return sorted(held, key=lambda step: -step.grasp.score)
+
+
+def _grasps(steps: Sequence[_Step], gripper: Gripper) -> tuple[list, list, list[np.ndarray]]:
+    """Each step with each gripper part's pose, the parts, and the first grasp's vertices in the cloud's frame."""
     grasps: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     drawn: list[np.ndarray] = []
-    for grasp in candidates:
+    for grasp, layer, text in steps:
         parts = gripper_parts(gripper, grasp.width)
         poses = [np.asarray(grasp.pose) @ part.T_grasp_part for part in parts]
-        region = None if grasp.region is None else int(grasp.region)
         terms = [f"{name} {value:.3g}" for name, value in grasp.terms.items()]
         flat = [_rounded(pose[:3]) for pose in poses]
-        grasps.append({"poses": flat, "layer": region, "text": _words(grasp), "terms": terms})
+        grasps.append({"poses": flat, "layer": None if layer is None else int(layer), "text": text, "terms": terms})
         if not shapes:
             shapes = [
                 {"vertices": _rounded(part.vertices), "faces": part.faces.ravel().tolist(), "rgb": list(part.rgb)}
@@ -237,8 +276,7 @@ def _grasps(plan: GraspPlan | None, gripper: Gripper, limit: int) -> tuple[list,
     return grasps, shapes, drawn
 
 
-def _words(grasp: Grasp) -> list[str]:
-    where = f"region {grasp.region}" if grasp.kind == "region" else "whole object"
+def _words(grasp: Grasp, where: str) -> list[str]:
     return [where, f"width {1000 * grasp.width:.0f} mm", f"score {grasp.score:.3g}"]
 
 
@@ -282,12 +320,12 @@ def _up(up: Sequence[float] | np.ndarray | None) -> np.ndarray:
     return axis / np.linalg.norm(axis)
 
 
-def _eye(plan: GraspPlan | None, target: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _eye(grasp: Grasp | None, target: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Unit vector from the target to the viewer: along the finger's hinge axis, so that the closing shows, from above.
 
     Of the two sides the one towards the frame's origin, where a depth camera saw the points from.
     """
-    sideways = plan.best.pose[:3, 1] if plan is not None and plan.best is not None else -target
+    sideways = grasp.pose[:3, 1] if grasp is not None else -target
     flat = sideways - (sideways @ up) * up
     if np.linalg.norm(flat) < 1e-6:
         flat = np.cross(up, np.roll(up, 1))
@@ -295,6 +333,15 @@ def _eye(plan: GraspPlan | None, target: np.ndarray, up: np.ndarray) -> np.ndarr
         flat = -flat
     direction = 0.82 * flat / np.linalg.norm(flat) + 0.57 * up
     return direction / np.linalg.norm(direction)
+
+
+def _fitting_distance(extent: np.ndarray, eye: np.ndarray, up: np.ndarray) -> float:
+    """From the eye to the target so that all of the extent (M, 3), about the target, is in a square picture, metres."""
+    right = np.cross(up, eye)
+    length = float(np.linalg.norm(right))
+    right = right / length if length > 1e-6 else np.cross(np.roll(eye, 1), eye)
+    aside = np.maximum(np.abs(extent @ right), np.abs(extent @ np.cross(eye, right)))
+    return max(1.05 * float((extent @ eye + aside / math.tan(_FIELD_OF_VIEW / 2)).max()), 0.05)
 
 
 def _rgb(colour: str) -> list[int]:

@@ -5,18 +5,24 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 
 from grasping.errors import CloudError
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.gripper_shape import gripper_parts
-from grasping.viewer import Layer, fragment, page
+from grasping.viewer import Layer, fragment, page, score_rgb
 
+HAND_85 = Gripper.from_mapping(
+    OmegaConf.to_container(OmegaConf.load(Path(__file__).parents[2] / "conf/gripper/robotiq_2f_85.yaml"))
+)
 HAND = Gripper("hand", 0.08, 0.02, 0.018, 0.01, max_force=70, min_force=5, palm_depth=0.066, depth_offset=0.1034)
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
 
@@ -117,7 +123,7 @@ def test_a_plan_without_a_grasp_and_a_lone_point_are_drawn(outline) -> None:
     assert data_of(outline, fragment(cloud=np.zeros((1, 3))))["radius"] > 0
 
 
-@pytest.mark.parametrize("gripper", [ROBOTIQ_2F_140, HAND])
+@pytest.mark.parametrize("gripper", [ROBOTIQ_2F_140, HAND_85, HAND])
 @given(share=st.floats(0, 1))
 @settings(max_examples=30, deadline=None)
 def test_pads_are_as_far_apart_as_the_opening_and_the_palm_stands_at_the_flange(gripper, share: float) -> None:
@@ -135,7 +141,7 @@ def test_pads_are_as_far_apart_as_the_opening_and_the_palm_stands_at_the_flange(
     assert np.ptp(corners["palm"][:, 2]) == pytest.approx(gripper.palm_depth)
 
 
-@pytest.mark.parametrize("gripper", [ROBOTIQ_2F_140, HAND])
+@pytest.mark.parametrize("gripper", [ROBOTIQ_2F_140, HAND_85, HAND])
 def test_parts_are_rigid_closed_and_face_outwards(gripper) -> None:
     closed, wide = gripper_parts(gripper, 0.0), gripper_parts(gripper, gripper.stroke)
     for one, other in zip(closed, wide, strict=True):
@@ -146,6 +152,42 @@ def test_parts_are_rigid_closed_and_face_outwards(gripper) -> None:
         assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
         a, b, c = np.moveaxis(one.vertices[one.faces], 1, 0)
         assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 > 0
+
+
+def test_a_palm_with_measures_is_drawn_to_scale() -> None:
+    panda = replace(HAND, palm_width=0.204, palm_breadth=0.063)
+    (palm,) = [part for part in gripper_parts(panda, 0.04) if part.name == "palm"]
+    assert np.ptp(palm.vertices, axis=0) == pytest.approx([0.204, 0.063, 0.066])
+    (palm,) = [part for part in gripper_parts(HAND_85, 0.04) if part.name == "palm"]
+    assert np.ptp(palm.vertices, axis=0) == pytest.approx([0.075, 0.075, 0.0665], abs=1e-3)
+
+
+def test_without_a_plan_the_gripper_steps_through_the_layers_best_first(outline) -> None:
+    grasps = [Grasp(np.eye(4), 0.04, score, "region", 7) for score in (0.3, 0.8)]
+    layers = [
+        Layer(cloud(1), "low", rgb=score_rgb(0.3), grasp=grasps[0]),
+        Layer(cloud(2), "none", rgb=score_rgb(None)),
+        Layer(cloud(3), "high", rgb=score_rgb(0.8), grasp=grasps[1]),
+    ]
+    data = data_of(outline, fragment(layers=layers))
+    assert [(grasp["layer"], grasp["text"][0]) for grasp in data["grasps"]] == [(2, "high"), (0, "low")]
+    assert len({tuple(layer["rgb"]) for layer in data["layers"]}) == 3
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_all_of_the_subject_is_in_the_first_picture(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-1, 1, (200, 3)) * rng.uniform(0.01, 0.3, 3) + rng.uniform(-1, 1, 3)
+    up = rng.normal(size=3)
+    html = fragment(layers=[Layer(points, "a")], up=up)
+    data = json.loads(re.search(r'application/json">(.*?)</script>', html)[1])
+    eye, towards = np.array(data["eye"]), points - data["target"]
+    right = np.cross(data["up"], eye) / np.linalg.norm(np.cross(data["up"], eye))
+    ahead = data["distance"] - towards @ eye
+    edge = ahead * np.tan(data["field_of_view"] / 2)
+    assert (np.abs(towards @ right) <= edge).all()
+    assert (np.abs(towards @ np.cross(eye, right)) <= edge).all()
 
 
 @pytest.fixture
