@@ -1,6 +1,6 @@
 """A checkpoint is a directory of documented files, replaced as a whole; nothing in it is a pickle.
 
-config.json               network, classes, preprocessing, temperature, versions, the epoch it is of
+config.json               network, classes, preprocessing, temperature, confidence of the unknown, versions, epoch
 model.safetensors         weights and batch-norm statistics
 training_state/           only where training goes on from here
     optimizer.safetensors     Adam's moments, one tensor a parameter
@@ -45,6 +45,8 @@ class Checkpoint:
     epoch: int
     network: str = "pec"
     """Its name in `pec.models.MODELS`."""
+    unknown_below: float = 0.0
+    """Confidence below which an object is of no known class; 0: everything is of one."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ def write_checkpoint(
         "classes": checkpoint.classes,
         "preprocess": asdict(checkpoint.preprocess),
         "temperature": checkpoint.temperature,
+        "unknown_below": checkpoint.unknown_below,
         "epoch": checkpoint.epoch,
         "versions": _versions(),
     }
@@ -105,6 +108,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         preprocess = Preprocess(**config["preprocess"])
         classes = [str(name) for name in config["classes"]]
         temperature, epoch = float(config["temperature"]), int(config["epoch"])
+        unknown_below = float(config.get("unknown_below", 0.0))  # older checkpoints have none
     except (KeyError, TypeError, ConfigError) as error:
         raise CheckpointError(f"{directory}/config.json is not a checkpoint's: {error!r}") from error
     model = build_model(network, preprocess.n_points, len(classes))
@@ -115,7 +119,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         raise CheckpointError(
             f"{directory}: the weights do not fit {len(classes)} classes and {preprocess.n_points} points: {error}"
         ) from error
-    return Checkpoint(model.eval(), classes, preprocess, temperature, epoch, network)
+    return Checkpoint(model.eval(), classes, preprocess, temperature, epoch, network, unknown_below)
 
 
 def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | None:

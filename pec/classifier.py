@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
 import torch
 
 from pec.checkpoint import Checkpoint, read_checkpoint
-from pec.errors import CheckpointError, CloudError
+from pec.errors import CheckpointError, CloudError, ConfigError
 from pec.evaluation import predict_log_probabilities
 from pec.models import fast_forward
 from pec.threads import torch_threads
 
-__all__ = ["Classifier", "Prediction"]
+__all__ = ["UNKNOWN", "Classifier", "Prediction"]
+
+UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """label: the likeliest class. confidence: its calibrated probability. probabilities: of every class, sum 1."""
+    """label: the likeliest class, or UNKNOWN where its confidence is too low. confidence: the calibrated probability of
+    the likeliest class. probabilities: of every class, sum 1."""
 
     label: str
     confidence: float
@@ -37,17 +40,30 @@ class Classifier:
         self._seed = seed
 
     @classmethod
-    def load(cls, directory: str | os.PathLike[str], classes: Sequence[str] | None = None, seed: int = 0) -> Classifier:
+    def load(
+        cls,
+        directory: str | os.PathLike[str],
+        classes: Sequence[str] | None = None,
+        seed: int = 0,
+        unknown_below: float | None = None,
+    ) -> Classifier:
         """Load a checkpoint. `classes`: those that the caller counts on, in any order; more or fewer are an error.
 
-        seed: of the random start of farthest point sampling, in the published preprocessing only.
-        Raises CheckpointError where it is missing, broken, or of other classes.
+        seed: of the random start of farthest point sampling, in the published preprocessing only. unknown_below: the
+        confidence below which a cloud is UNKNOWN, 0 for never; where not given the checkpoint's, which rejects one in a
+        hundred clouds of known objects (`pec.evaluation.rejection_threshold`).
+        Raises CheckpointError where it is missing, broken, or of other classes, ConfigError where unknown_below is no
+        confidence.
         """
         checkpoint = read_checkpoint(directory)
         if classes is not None and set(classes) != set(checkpoint.classes):
             raise CheckpointError(
                 f"checkpoint {directory} knows the classes {', '.join(checkpoint.classes)}, not {', '.join(classes)}"
             )
+        if unknown_below is not None:
+            if not 0 <= unknown_below <= 1:
+                raise ConfigError(f"unknown_below must be in [0, 1], got {unknown_below}")
+            checkpoint = replace(checkpoint, unknown_below=unknown_below)
         return cls(checkpoint, seed)
 
     @property
@@ -97,5 +113,6 @@ class Classifier:
         for row in (log_probabilities / checkpoint.temperature).softmax(dim=1).tolist():
             best = max(range(len(row)), key=row.__getitem__)
             probabilities = dict(zip(checkpoint.classes, row, strict=True))
-            predictions.append(Prediction(checkpoint.classes[best], row[best], probabilities))
+            label = checkpoint.classes[best] if row[best] >= checkpoint.unknown_below else UNKNOWN
+            predictions.append(Prediction(label, row[best], probabilities))
         return predictions

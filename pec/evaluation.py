@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,7 +10,19 @@ import torch
 
 from pec.preprocess import Preprocess
 
-__all__ = ["Scores", "expected_calibration_error", "fit_temperature", "predict_log_probabilities", "score"]
+__all__ = [
+    "FALSE_REJECTIONS",
+    "Scores",
+    "expected_calibration_error",
+    "fit_temperature",
+    "predict_log_probabilities",
+    "rejection_threshold",
+    "score",
+    "wilson_interval",
+]
+
+FALSE_REJECTIONS = 0.01
+"""Share of clouds of known classes that may be called unknown: one in a hundred is looked at again."""
 
 _BATCH = 512  # clouds at once: bounds memory, changes no result
 
@@ -98,3 +111,22 @@ def fit_temperature(log_probabilities: torch.Tensor, labels: torch.Tensor) -> fl
         else:
             low = first
     return float(torch.tensor((low + high) / 2).exp())
+
+
+def rejection_threshold(confidences: torch.Tensor, rate: float = FALSE_REJECTIONS) -> float:
+    """The confidence below which at most the share `rate` of known objects fall, from those (n,) of a validation split.
+
+    The k-th smallest, k = ⌊rate · (n + 1)⌋: a new cloud like those falls below it with probability at most k / (n + 1)
+    (the rank of one among exchangeable draws, as in split conformal prediction). 0, which rejects nothing, where n is
+    too small to promise the rate.
+    """
+    k = math.floor(rate * (len(confidences) + 1))
+    return confidences.sort().values[k - 1].item() if k else 0.0
+
+
+def wilson_interval(share: float, n: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share of n samples (Wilson 1927)."""
+    z = 1.959964
+    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return max(0.0, centre - half), min(1.0, centre + half)

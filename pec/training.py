@@ -11,7 +11,6 @@ import math
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,10 @@ from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_trai
 from pec.clouds import CloudDataset, load_dataset, split_by_instance, split_by_sample
 from pec.config import DatasetConfig, TrainConfig, read_config
 from pec.errors import ConfigError, DatasetError
-from pec.evaluation import fit_temperature, predict_log_probabilities, score
+from pec.evaluation import predict_log_probabilities, score
 from pec.models import build_model
 from pec.prepared import PreparedClouds, prepare
+from pec.report import report
 from pec.rivals import NearestNeighbours, PointNet
 from pec.threads import torch_threads
 from pec.tracking import Tracker
@@ -85,7 +85,7 @@ def _train(config: TrainConfig) -> dict[str, Any]:
     run = _Run(config, dataset.classes, device)
     run.fit(training, selection)
     counts = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
-    return {**run.results(selection, test), "n_samples": counts}
+    return {**run.results(training, selection, test), "n_samples": counts}
 
 
 def split(
@@ -167,13 +167,13 @@ class _Run:
                 self.epoch = epoch + 1
                 self.seconds += time.perf_counter() - begin
                 self._save()
-                tracker.epoch(epoch + 1, loss, accuracy, scores, rate)
+                tracker.epoch(epoch + 1, loss, accuracy, scores, rate, self.classes)
                 bar.set_postfix(loss=f"{loss:.3f}", train=f"{accuracy:.3f}", selection=f"{scores.accuracy:.3f}")
 
-    def results(self, selection: PreparedClouds, test: PreparedClouds) -> dict[str, Any]:
-        """Fit the temperature on the selection split, then read the test split: once for each of best and last."""
+    def results(self, training: PreparedClouds, selection: PreparedClouds, test: PreparedClouds) -> dict[str, Any]:
+        """What the run was, and what `report` says of its checkpoints: only here is the test split read."""
         honest = self.config.protocol.selection == "validation"
-        results: dict[str, Any] = {
+        return {
             "protocol": "honest: epoch chosen on validation, test read once"
             if honest
             else "published: best epoch on the evaluation split itself, an optimistic figure",
@@ -186,36 +186,9 @@ class _Run:
             "threads": self.config.threads,
             "checkpoint": str(self.output / "best"),
             "config": self.config.decisive(),
+            **report(self.output, self.config, training, selection, test),
+            "curves": self.history,
         }
-        for name in ("best", "last"):
-            checkpoint = read_checkpoint(self.output / name)
-            self.model.load_state_dict(checkpoint.model.state_dict())
-            temperature = self._temperature(selection)
-            scores = score(self._predict(test), test.labels, temperature)
-            results[name] = {
-                "epoch": checkpoint.epoch,
-                "selection_accuracy": score(self._predict(selection), selection.labels).accuracy,
-                "test_accuracy": scores.accuracy,
-                "test_loss": scores.loss,
-                "test_per_class": dict(zip(self.classes, scores.per_class, strict=True)),
-                "test_confusion": scores.confusion,
-                "test_calibration_error": scores.calibration_error,
-                "temperature": temperature,
-            }
-            state = read_training_state(self.output / name) if name == "last" else None
-            write_checkpoint(self.output / name, replace(checkpoint, temperature=temperature), state)
-            with Tracker(self.output / "tensorboard", None) as tracker:
-                tracker.confusion(name, checkpoint.epoch, self.classes, scores)
-        return results
-
-    def _temperature(self, selection: PreparedClouds) -> float:
-        """Fitted on the selection split as it may be met, augmented like the training split.
-
-        On undamaged clouds of known instances nearly every answer is right, and no confidence would be too high.
-        """
-        generator = torch.Generator().manual_seed(self.config.seed)
-        points, valid = augment(selection.candidates, selection.valid, self.config.augment, generator)
-        return fit_temperature(self._predict(replace(selection, candidates=points, valid=valid)), selection.labels)
 
     def _epoch(
         self,

@@ -19,6 +19,7 @@ def main(cfg: DictConfig) -> None:
         prediction = Classifier.load(cfg.checkpoint).predict(valid_points(read_cloud(cfg.cloud)))
     except (CheckpointError, CloudError, FileError, FileNotFoundError) as error:
         sys.exit(f"classify: {error}")
+    print(f"{prediction.label}, confidence {100 * prediction.confidence:.2f} %")
     for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
         print(f"{label:20}{100 * probability:7.2f} %")
     results = {

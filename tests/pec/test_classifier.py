@@ -9,9 +9,17 @@ import torch
 
 from pec import PEC, Classifier
 from pec.checkpoint import Checkpoint, write_checkpoint
+from pec.classifier import UNKNOWN
 from pec.clouds import load_dataset
-from pec.errors import CheckpointError, CloudError
-from pec.evaluation import average_views, expected_calibration_error, fit_temperature, score
+from pec.errors import CheckpointError, CloudError, ConfigError
+from pec.evaluation import (
+    average_views,
+    expected_calibration_error,
+    fit_temperature,
+    rejection_threshold,
+    score,
+    wilson_interval,
+)
 from pec.preprocess import Preprocess
 
 CLASSES = ["can", "mug", "box"]
@@ -154,3 +162,47 @@ def test_scores_of_a_known_case():
     assert scores.accuracy == 0.75
     assert scores.confusion == [[1, 0, 0], [1, 1, 0], [0, 0, 1]]
     assert scores.per_class == [1.0, 0.5, 1.0]
+
+
+def test_at_most_the_promised_share_of_known_objects_is_rejected():
+    generator = torch.Generator().manual_seed(0)
+    rejected = []
+    for _ in range(300):
+        confidences = torch.rand(700, generator=generator) ** 0.2
+        threshold = rejection_threshold(confidences[:200], rate=0.05)
+        rejected.append((confidences[200:] < threshold).double().mean().item())
+    assert 0.03 < np.mean(rejected) <= 0.05
+    assert rejection_threshold(torch.tensor([0.9, 0.2, 0.7]), rate=0.3) == pytest.approx(0.2)
+    assert rejection_threshold(torch.rand(98, generator=generator)) == 0.0  # too few to promise one in a hundred
+    assert rejection_threshold(torch.rand(99, generator=generator)) > 0.0
+
+
+def test_below_its_threshold_a_cloud_is_of_no_known_class(tmp_path):
+    known = Classifier.load(_write(tmp_path / "c"))
+    cloud = _clouds(1)[0]
+    answer = known.predict(cloud)
+    assert answer.label in CLASSES
+    above = Classifier.load(tmp_path / "c", unknown_below=answer.confidence + 1e-3).predict(cloud)
+    assert above.label == UNKNOWN
+    assert (above.confidence, above.probabilities) == (answer.confidence, answer.probabilities)
+    assert Classifier.load(tmp_path / "c", unknown_below=answer.confidence - 1e-3).predict(cloud) == answer
+    with pytest.raises(ConfigError, match=r"unknown_below must be in \[0, 1\], got 1\.5"):
+        Classifier.load(tmp_path / "c", unknown_below=1.5)
+
+
+def test_threshold_is_kept_in_the_checkpoint_and_older_ones_have_none(tmp_path):
+    torch.manual_seed(0)
+    write_checkpoint(tmp_path / "c", Checkpoint(PEC(64, 3), CLASSES, CANONICAL, 1.0, 1, unknown_below=0.99))
+    assert Classifier.load(tmp_path / "c").predict(_clouds(1)[0]).label == UNKNOWN
+    config = json.loads((tmp_path / "c" / "config.json").read_text())
+    del config["unknown_below"]
+    (tmp_path / "c" / "config.json").write_text(json.dumps(config))
+    assert Classifier.load(tmp_path / "c").predict(_clouds(1)[0]).label in CLASSES
+
+
+@pytest.mark.parametrize(
+    ("share", "n", "interval"),
+    [(1.0, 100, (0.9630, 1.0)), (0.9, 10, (0.5958, 0.9821)), (0.0, 50, (0.0, 0.0713))],
+)
+def test_wilson_interval_of_known_cases(share, n, interval):
+    assert wilson_interval(share, n) == pytest.approx(interval, abs=1e-4)
