@@ -10,6 +10,7 @@ and departs from it where a one-sided cloud and a real hand ask for it:
 - Lateral curvature is measured on the contour under the pad (`contacts.refine`), at one length, that of the pad; σ of a
   number of neighbours depends on the density of the cloud and on the view.
 - Fingers must come down beside the object, clear of the table and of the neighbours.
+- Of the holds at one place, which hardly differ, the middle is taken (`plateaus`), so that noise hardly moves it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from grasping.contacts import Contacts, refine
 from grasping.errors import require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.plateaus import SAG, Tried, places, to_either_side
 from grasping.profiles import Holds, scan
 from grasping.published import PublishedPlanner
 from grasping.scoring import best_unlike, centre_term, clip, overlap_term, weigh
@@ -32,7 +34,6 @@ from grasping.survey import Survey, survey
 from grasping.views import View, views_from_above, views_without_table
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Terms = dict[str, FloatArray]
 
 LEAST_OVERLAP = 0.004  # m
@@ -40,6 +41,7 @@ PARALLEL = math.radians(5)  # a contact turned by less than this against the pad
 LEAST_CONTACT = 0.3  # share of a pad's width
 MOST_CLEARANCE = 0.015  # m beside each pad on the way in, where there is room
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
+SLID, CENTRED, CANDIDATES = 3, 4, 8  # best places that are looked at on either side, in the middle, at all
 
 
 class CurvaturePlanner:
@@ -115,11 +117,11 @@ class CurvaturePlanner:
         seen: Survey | None = None
         failures: list[str] = []
         for view in views:
-            found, holds, reason = self._plan_view(view)
+            held, holds, reason = self._plan_view(view)
             if seen is None:
                 seen = survey(view, holds, self.gripper.finger_width, self._greatest_width)
-            if found is not None:
-                return plan_from(self._grasps(view, *found, seen), seen.regions, "")
+            if held is not None:
+                return plan_from(self._grasps(view, held, seen), seen.regions, "")
             failures.append(reason)
         return plan_from([], [] if seen is None else seen.regions, failures[0])
 
@@ -142,16 +144,17 @@ class CurvaturePlanner:
             self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length - self.gripper.palm_depth - 0.01
         )
 
-    def _plan_view(self, view: View) -> tuple[tuple[Contacts, Terms, IntArray] | None, Holds | None, str]:
-        """Contacts along one approach, their terms and which of them hold; the coarse holds; why there is none."""
+    def _plan_view(self, view: View) -> tuple[Tried | None, Holds | None, str]:
+        """What holds along one approach; the coarse holds; why there is none."""
         top = float(view.height.max())
         lowest = max(view.floor + self.tip_clearance, top - self._reach)
         deepest_top = top - LEAST_OVERLAP
         if deepest_top <= lowest:
             high, clear = (top - view.floor) * 1e3, self.tip_clearance * 1e3
             return None, None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"
-        count = min(MOST_DEPTHS, 1 + math.floor((deepest_top - lowest) / DEPTH_STEP))
-        tips = np.linspace(lowest, deepest_top, count, endpoint=False)
+        step = max(DEPTH_STEP, (deepest_top - lowest) / MOST_DEPTHS)
+        count = min(MOST_DEPTHS, math.ceil((deepest_top - lowest) / step))
+        tips = lowest + step * np.arange(count, dtype=np.float64)
         found = scan(
             view.xy,
             view.height,
@@ -172,30 +175,45 @@ class CurvaturePlanner:
                 return None, holds, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
             return None, holds, "no room for the fingers: something stands beside the object on every line across it"
         chosen = holds.take(best_unlike(holds, self._coarse_score(holds, view)))
-        contacts = refine(
-            view.xy,
-            view.height,
-            view.obstacle_xy,
-            view.obstacle_height,
-            chosen,
-            pad_width=self.gripper.finger_width,
-            wished_room=self._wished_room,
-        )
-        problems = self._problems(contacts)
-        kept = np.array([i for i, problem in enumerate(problems) if not problem])
-        if len(kept):
-            return (contacts, self._terms(contacts, view, chosen.whole), kept), holds, ""
-        refused = Counter(problem for problem in problems if problem)
-        reason = f"none of the {len(problems)} best places holds: "
+        tried = self._try(view, chosen, chosen.whole.astype(np.float64))
+        if np.isfinite(tried.score).any():
+            return self._best_places(view, tried), holds, ""
+        refused = Counter(self._problems(tried.contacts))
+        reason = f"none of the {len(chosen)} best places holds: "
         reason += "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
         if found.too_wide:
             wide, most = found.narrowest * 1e3, self._greatest_width * 1e3
             reason += f"; elsewhere the object is at least {wide:.0f} mm wide and the gripper takes {most:.0f} mm"
         return None, holds, reason
 
-    def _problems(self, contacts: Contacts) -> list[str]:
-        """Why each of the holds is none; empty for those that hold."""
-        checks = {
+    def _try(self, view: View, holds: Holds, whole: FloatArray) -> Tried:
+        """Look closely at holds, of which `whole` (M,) is the share of their slabs that is between the pads."""
+        contacts = refine(
+            view.xy,
+            view.height,
+            view.obstacle_xy,
+            view.obstacle_height,
+            holds,
+            pad_width=self.gripper.finger_width,
+            wished_room=self._wished_room,
+        )
+        refused = np.any(list(self._checks(contacts).values()), axis=0)
+        return Tried(contacts, whole, np.where(refused, -np.inf, weigh(self._terms(contacts, view, whole))))
+
+    def _best_places(self, view: View, tried: Tried) -> Tried:
+        """The middle of each of the best places, or the best hold there if that is better, of the others that one."""
+        beside = to_either_side(places(tried, SLID))
+        tried = tried.and_also(self._try(view, beside.holds, beside.whole))
+        there = places(tried, CANDIDATES)
+        best = tried.take(there.best)
+        first = np.arange(min(CENTRED, len(there.best)))
+        middles = self._try(view, there.holds.take(first), there.whole[first])
+        centred = np.flatnonzero(middles.score >= best.score[first] - SAG)
+        return middles.take(centred).and_also(best.take(np.setdiff1d(np.arange(len(there.best)), centred)))
+
+    def _checks(self, contacts: Contacts) -> dict[str, NDArray[np.bool_]]:
+        """What speaks against a hold, and of which of the holds it is true."""
+        return {
             "too few points between the pads": contacts.empty,
             "too wide": contacts.width > self._greatest_width,
             "no room for the fingers": contacts.gap < self._finger_room,
@@ -203,8 +221,12 @@ class CurvaturePlanner:
             "the contacts slip": contacts.angle > math.atan(self.friction),
             "the pads would touch a corner": contacts.contact < LEAST_CONTACT,
         }
-        table = np.array(list(checks.values())).T.tolist()
-        return [next((why for why, bad in zip(checks, row, strict=True) if bad), "") for row in table]
+
+    def _problems(self, contacts: Contacts) -> list[str]:
+        """The first thing that speaks against each of the holds, none of which holds."""
+        checks = self._checks(contacts)
+        first = np.array(list(checks.values())).argmax(axis=0)
+        return [list(checks)[index] for index in first.tolist()]
 
     def _coarse_score(self, holds: Holds, view: View) -> FloatArray:
         # The scan's resolution blurs angles by about 0.15 rad, so here a slope only costs and does not exclude.
@@ -220,7 +242,7 @@ class CurvaturePlanner:
         )
         return np.where(holds.overlap >= LEAST_OVERLAP, score, score - 1.0)
 
-    def _terms(self, contacts: Contacts, view: View, whole: NDArray[np.bool_]) -> Terms:
+    def _terms(self, contacts: Contacts, view: View, whole: FloatArray) -> Terms:
         """Terms of the score and measures for the policy, as in the class's docstring; each (M,)."""
         limit = math.atan(self.friction)
         spare = (contacts.gap - self._finger_room) / (self._wished_room - self._finger_room)
@@ -232,17 +254,18 @@ class CurvaturePlanner:
             "centre": centre_term(contacts.x, contacts.y, view.centre),
             "room": clip(spare),
             "narrow": clip(1.0 - contacts.width / self.gripper.stroke),
-            "whole": whole.astype(np.float64),
+            "whole": whole,
             "opening": np.minimum(self.gripper.stroke, contacts.width + 2.0 * clear),
             "tip_height": contacts.tip - view.floor,
             "tilt": np.full(len(contacts.x), view.tilt),
         }
 
-    def _grasps(self, view: View, contacts: Contacts, terms: Terms, kept: IntArray, seen: Survey) -> list[Grasp]:
-        x, y, tip, heading = contacts.x[kept], contacts.y[kept], contacts.tip[kept], contacts.heading[kept]
-        closing = np.column_stack([np.cos(heading), np.sin(heading), np.zeros(len(kept))]) @ view.axes.T
-        across = np.column_stack([np.sin(heading), -np.cos(heading), np.zeros(len(kept))]) @ view.axes.T
-        poses = np.tile(np.eye(4), (len(kept), 1, 1))
+    def _grasps(self, view: View, held: Tried, seen: Survey) -> list[Grasp]:
+        contacts, terms = held.contacts, self._terms(held.contacts, view, held.whole)
+        x, y, tip, heading = contacts.x, contacts.y, contacts.tip, contacts.heading
+        closing = np.column_stack([np.cos(heading), np.sin(heading), np.zeros(len(x))]) @ view.axes.T
+        across = np.column_stack([np.sin(heading), -np.cos(heading), np.zeros(len(x))]) @ view.axes.T
+        poses = np.tile(np.eye(4), (len(x), 1, 1))
         poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = closing, across, -view.axes[:, 2]
         tips = view.origin + np.column_stack([x, y, tip]) @ view.axes.T
         poses[:, :3, 3] = tips + 0.5 * self.gripper.pad_length * view.axes[:, 2]
@@ -250,8 +273,8 @@ class CurvaturePlanner:
         if not seen.one_primitive():
             central[:] = False
         regions = seen.regions_at(tips)
-        widths, scores = contacts.width[kept].tolist(), weigh(terms)[kept].tolist()
-        named = [dict(zip(terms, row, strict=True)) for row in np.array(list(terms.values()))[:, kept].T.tolist()]
+        widths, scores = contacts.width.tolist(), held.score.tolist()
+        named = [dict(zip(terms, row, strict=True)) for row in np.array(list(terms.values())).T.tolist()]
         return [
             Grasp(pose, width, score, "primitive", None, own)
             if primitive

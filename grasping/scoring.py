@@ -19,10 +19,10 @@ WEIGHTS = {
     "centre": 0.20,  # nearness to the centre of mass
     "room": 0.10,  # free space for the fingers beyond what they need
     "narrow": 0.05,  # across the narrow side
-    "whole": 0.05,  # around all of the slab and not around a part of it
+    "whole": 0.02,  # around all of the slab and not around a part of it
 }
-REFINED = 8  # holds of the coarse scan that are looked at closely
-ALIKE_PLACE, ALIKE_HEADING = 0.012, math.radians(20)  # holds nearer than this are one
+REFINED = 16  # holds of the coarse scan that are looked at closely
+ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # holds nearer than this are one
 ALIKE_TIP = 0.0225  # m
 FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
 
@@ -34,8 +34,8 @@ def weigh(terms: dict[str, FloatArray]) -> FloatArray:
 
 
 def overlap_term(overlap: FloatArray) -> FloatArray:
-    """1 from 45 mm of pad beside the surface; most of it is earned with the first 15 mm."""
-    return 0.7 * clip(overlap / 0.015) + 0.3 * clip(overlap / 0.045)
+    """1 from 130 mm beside the surface; most of it is earned with the first 15 mm, the last of it breaks ties."""
+    return 0.65 * clip(overlap / 0.015) + 0.15 * clip(overlap / 0.045) + 0.2 * clip(overlap / 0.130)
 
 
 def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray) -> FloatArray:
