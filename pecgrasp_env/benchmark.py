@@ -1,8 +1,6 @@
 """How fast each part is, beside a yardstick that is measured in the same run: ratios travel better than milliseconds.
 
-Routines that are compared take turns, so that a busy machine slows all of them alike. Every number is a median, of one
-thread unless it says otherwise. Beside the time on the clock stands the processor's time: where the machine has other
-work to do the first grows and the second hardly.
+How is said in `timing`. Every number is of one thread unless it says otherwise.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,13 +18,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from grasping import CentroidPlanner, CurvaturePlanner, PublishedPlanner, Segmenter
-from grasping.selective import Planner
+from grasping import Segmenter
+from pecgrasp_env.benchmark_planning import planning
 from pecgrasp_env.objects import LARS_CLASSES, make_object
+from pecgrasp_env.timing import Row, Timing, line_of, rows_of, side_by_side
 
-Row = dict[str, Any]
-
-_TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -53,28 +48,8 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
         results[part] = rows
         say(f"\n{part}")
         for row in rows:
-            say(_line(row))
+            say(line_of(row))
     return results
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Median seconds of a routine: on the clock, and of this process's processor time."""
-
-    wall: float
-    cpu: float
-
-
-def side_by_side(routines: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, Timing]:
-    """Time the routines, which take turns, after one turn that does not count."""
-    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in routines}
-    for repeat in range(repeats + 1):
-        for name, routine in routines.items():
-            wall, cpu = time.perf_counter(), time.process_time()
-            routine()
-            if repeat:
-                seconds[name].append((time.perf_counter() - wall, time.process_time() - cpu))
-    return {name: Timing(*np.median(each, axis=0).tolist()) for name, each in seconds.items()}
 
 
 def segmentation(settings: Mapping[str, Any]) -> list[Row]:
@@ -103,26 +78,7 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
             },
             settings["repeats"],
         )
-        rows += _rows(times, "k-d tree of the frame", f"{resolution}, {len(valid):,} points, {found} objects found")
-    return rows
-
-
-def planning(settings: Mapping[str, Any]) -> list[Row]:
-    """One object on a table, of several sizes of cloud, beside a k-d tree of the same cloud and GGA."""
-    mesh = make_object("stapler", settings["seed"]).visual_mesh()
-    rows = []
-    planners: dict[str, Planner] = {
-        "default": CurvaturePlanner(),
-        "published": PublishedPlanner(),
-        "GGA": CentroidPlanner(),
-    }
-    for n in settings["cloud_sizes"]:
-        points = np.asarray(mesh.sample(n, seed=settings["seed"]), float)
-        points[:, 2] -= points[:, 2].min()
-        routines: dict[str, Callable[[], Any]] = {"k-d tree": partial(cKDTree, points)}
-        for name, planner in planners.items():
-            routines[name] = partial(planner.plan, points, up=_UP, table=_TABLE)
-        rows += _rows(side_by_side(routines, settings["repeats"]), "k-d tree", f"{n:,} points")
+        rows += rows_of(times, "k-d tree of the frame", f"{resolution}, {len(valid):,} points, {found} objects found")
     return rows
 
 
@@ -149,7 +105,7 @@ def classification(settings: Mapping[str, Any]) -> list[Row]:
         for name, way in ways.items():
             classifier = Classifier(Checkpoint(model, classes, way, 1.0, 0))
             routines[name] = partial(classifier.predict, points)
-        rows += _rows(side_by_side(routines, settings["repeats"]), "k-d tree", f"{n:,} points, {n_points} taken")
+        rows += rows_of(side_by_side(routines, settings["repeats"]), "k-d tree", f"{n:,} points, {n_points} taken")
     return rows
 
 
@@ -180,7 +136,7 @@ def generation(settings: Mapping[str, Any]) -> list[Row]:
         seconds.setdefault("ManiSkill, a step a cloud", []).append(stepped())
     times = {name: Timing(float(np.median(each)), float("nan")) for name, each in seconds.items()}
     what = f"{config.resolution}, {per_instance * 2 * len(LARS_CLASSES)} clouds"
-    rows = _rows(times, "ManiSkill, a step a cloud", what, rate="clouds/s")
+    rows = rows_of(times, "ManiSkill, a step a cloud", what, rate="clouds/s")
     return [row | {"first_shard_s": float(np.median(start_up.get(row["name"], [0.0])))} for row in rows]
 
 
@@ -205,7 +161,7 @@ def environment(settings: Mapping[str, Any]) -> list[Row]:
     }
     for env in envs.values():
         env.close()
-    return _rows(times, "obs_mode=state", "one environment, three objects", rate="steps/s")
+    return rows_of(times, "obs_mode=state", "one environment, three objects", rate="steps/s")
 
 
 def _stepped_clouds(settings: Mapping[str, Any]) -> Callable[[], float]:
@@ -242,26 +198,6 @@ def _task(**arguments: Any) -> Any:
     assert pecgrasp_env  # registers SelectiveGrasp-v1
     backends = {"sim_backend": "physx_cpu", "render_backend": "cpu", "control_mode": "pd_joint_pos"}
     return gym.make("SelectiveGrasp-v1", **{**backends, **arguments})
-
-
-def _rows(times: Mapping[str, Timing], yardstick: str, what: str, rate: str | None = None) -> list[Row]:
-    """One row a routine. Its ratio to the yardstick is of processor time, or of the clock's where there is a rate:
-    processes and the renderer's threads work side by side.
-    """
-    rows = []
-    for name, each in times.items():
-        row: Row = {"what": what, "name": name, "wall_ms": 1000 * each.wall}
-        if rate is None:
-            row |= {"cpu_ms": 1000 * each.cpu, "times_yardstick": each.cpu / times[yardstick].cpu}
-        else:
-            row |= {"times_yardstick": each.wall / times[yardstick].wall, "rate": 1 / each.wall, "unit": rate}
-        rows.append(row)
-    return rows
-
-
-def _line(row: Row) -> str:
-    other = f"{row['rate']:>10.1f} {row['unit']}" if "rate" in row else f"{row['cpu_ms']:>10.3f} ms of processor"
-    return f"  {row['what']:<44}{row['name']:<28}{row['wall_ms']:>10.3f} ms{other:<30}{row['times_yardstick']:>9.2f} x"
 
 
 def _processor() -> str:
