@@ -90,7 +90,8 @@ def fragment(
         shapes.append(_points(layer.points, f"layers[{index}].points"))
         text = [layer.label, *layer.details]
         rgb = _rgb(_PALETTE[index % len(_PALETTE)]) if layer.rgb is None else list(layer.rgb)
-        entries.append({"group": layer.group, "rgb": rgb, "text": text})
+        score = "" if layer.grasp is None else f" {layer.grasp.score:.2f}"
+        entries.append({"group": layer.group, "rgb": rgb, "text": text, "legend": layer.label + score})
     subject = [shape for shape in shapes if len(shape)]
     if cloud is not None:
         shapes.append(_points(cloud, "cloud"))
@@ -103,7 +104,7 @@ def fragment(
     extent = np.concatenate([*(subject or shapes), *drawn])
     target = (extent.min(axis=0) + extent.max(axis=0)) / 2
     radius = float(np.linalg.norm(extent - target, axis=1).max()) or 0.05
-    eye = _eye(steps[0].grasp if steps else None, target, up_axis)
+    eye = _eye(plan.best if plan is not None else None, target, up_axis)
     # What is told apart keeps its points as far as they fit; the surroundings get what is left.
     n_subject = sum(map(len, subject))
     share = min(1.0, 0.8 * max_points / max(1, n_subject))
@@ -191,7 +192,7 @@ def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, cap
 
 def _label_legend(entries: list[dict[str, Any]], group: str) -> str:
     return "".join(
-        f'<span><i style="background:rgb{tuple(entry["rgb"])}"></i>{html.escape(entry["text"][0])}</span>'
+        f'<span><i style="background:rgb{tuple(entry["rgb"])}"></i>{html.escape(entry["legend"])}</span>'
         for entry in entries
         if entry["group"] == group
     )
@@ -305,11 +306,12 @@ def _packed(points: np.ndarray) -> dict[str, Any]:
 
 
 def _disc_radius(points: np.ndarray, scene_radius: float) -> float:
-    """Half the usual distance between neighbours: discs that just close the surface. Metres."""
-    if len(points) < 2:
+    """Of discs that just close the surface, metres."""
+    if len(points) < 5:
         return round(scene_radius / 60, 6)
     sample = points[:: max(1, len(points) // 400)]
-    spacing = float(np.median(cKDTree(points).query(sample, k=2)[0][:, 1]))
+    # To the fourth neighbour it is as far as one point needs room, in a camera's raster as in a random choice of it.
+    spacing = float(np.median(cKDTree(points).query(sample, k=5)[0][:, 4]))
     return round(float(np.clip(0.75 * spacing, scene_radius / 400, scene_radius / 40)), 6)
 
 

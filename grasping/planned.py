@@ -1,0 +1,56 @@
+"""What came of planning on a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from numpy.typing import NDArray
+
+from grasping.grasp import GraspPlan
+from grasping.scene import Scene
+
+
+@dataclass(frozen=True)
+class PlannedObject:
+    """points: (M, 3), m, in the file's frame; surroundings: (K, 3), what is around it in a scene.
+
+    cut_off: the image ends within it. error: why the planner refused it.
+    """
+
+    name: str
+    points: NDArray
+    plan: GraspPlan
+    plan_s: float
+    surroundings: NDArray | None = None
+    cut_off: bool = False
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class PlannedFile:
+    """n_points: valid ones; None where the file was not read. scene: where it was taken for one, and then
+
+    rest: (K, 3), the valid points that are no object's, m.
+    """
+
+    path: Path
+    n_points: int | None = None
+    objects: list[PlannedObject] = field(default_factory=list)
+    scene: Scene | None = None
+    rest: NDArray | None = None
+    read_s: float = 0.0
+    segment_s: float = 0.0
+    error: str | None = None
+
+    @property
+    def found(self) -> str:
+        """How many objects stand in the scene, or why there is none."""
+        if not self.objects:
+            return "no object found" + (f": {self.scene.summary()}" if self.scene is not None else "")
+        return f"{len(self.objects)} object" + "s" * (len(self.objects) > 1)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the file, or the cloud in it, was refused; an object without a grasp is no failure."""
+        return self.error is not None or any(each.error is not None for each in self.objects)

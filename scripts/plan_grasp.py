@@ -1,0 +1,47 @@
+"""Plan grasps on clouds from files: `python scripts/plan_grasp.py cloud=FILE`; settings in conf/plan.yaml."""
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import hydra
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from grasping import CloudError, ConfigError, Gripper
+from grasping.plan_files import Task, cloud_paths, frame_up, plan_files
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="plan")
+def main(cfg: DictConfig) -> None:
+    try:
+        results = plan_files(cloud_paths(cfg.cloud), task_of(cfg), Path(cfg.output), command=shlex.join(COMMAND))
+    except (CloudError, ConfigError, FileNotFoundError, OmegaConfBaseException, YAMLError) as error:
+        sys.exit(f"plan_grasp: {error}")
+    print(f"\nresults: {cfg.output}/results.json, to look at: {cfg.output}/plan.html")
+    if results["summary"]["failed"]:
+        sys.exit(f"plan_grasp: {results['summary']['failed']} of {results['summary']['files']} files failed")
+
+
+def task_of(cfg: DictConfig) -> Task:
+    """Raises ConfigError and OmegaConf's errors for settings that make no sense."""
+    chosen = cfg.gripper if cfg.gripper_file is None else OmegaConf.load(cfg.gripper_file)
+    gripper = Gripper.from_mapping(OmegaConf.to_container(chosen, resolve=True))
+    return Task(
+        planner=instantiate(cfg.planner, _partial_=True)(gripper=gripper),
+        gripper=gripper,
+        segmenter=instantiate(cfg.segmenter, _partial_=True)() if cfg.scene else None,
+        up=frame_up(cfg.frame) if cfg.up is None else OmegaConf.to_container(cfg.up),
+        scale=cfg.scale,
+    )
+
+
+COMMAND = ["python", "scripts/plan_grasp.py", *sys.argv[1:]]
+
+if __name__ == "__main__":
+    # To Hydra `gripper=` is a choice among the files of conf/gripper; a file of one's own travels by another name.
+    sys.argv[1:] = [re.sub(r"^gripper=(.*\.ya?ml)$", r"gripper_file=\1", word) for word in sys.argv[1:]]
+    main()

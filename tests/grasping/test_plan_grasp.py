@@ -1,0 +1,244 @@
+"""`scripts/plan_grasp.py` on files of every kind: its table, its exit status, results.json and plan.html."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from grasping_shapes import box_top, grid, moved, standing_can
+
+from grasping import CloudError, ConfigError, CurvaturePlanner, Segmenter
+from grasping.gripper import ROBOTIQ_2F_140
+from grasping.plan_files import Task, cloud_paths, plan_file, plan_files
+
+ROOT = Path(__file__).parents[2]
+
+
+def script(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "scripts/plan_grasp.py", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+
+
+def box() -> np.ndarray:
+    return box_top(0.12, 0.05, 0.06)
+
+
+def on_a_table(*objects: np.ndarray) -> np.ndarray:
+    """Objects on a table, in the frame of a camera 0.7 m above it that looks straight down."""
+    table = np.column_stack([grid((-0.3, 0.3), (-0.3, 0.3), step=0.003), np.zeros(201 * 201)])
+    for points in objects:
+        low, high = points.min(axis=0)[:2] - 0.004, points.max(axis=0)[:2] + 0.004
+        table = table[~((table[:, :2] > low) & (table[:, :2] < high)).all(axis=1)]
+    return np.vstack([table, *objects]) * [1, -1, -1] + [0, 0, 0.7]
+
+
+def table_scene() -> np.ndarray:
+    """A box and a can."""
+    return on_a_table(moved(box(), x=-0.1), moved(standing_can(0.03, 0.08), x=0.1))
+
+
+def task(**changes: object) -> Task:
+    return Task(**{"planner": CurvaturePlanner(), "gripper": ROBOTIQ_2F_140, "up": (0, 0, 1)} | changes)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def folder_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("clouds")
+    np.save(folder / "box.npy", box())
+    np.savetxt(folder / "wide.xyz", box_top(0.3, 0.25, 0.06, step=0.005))
+    (folder / "broken.ply").write_text("ply\nformat ascii 1.0\nelement vertex 2\nproperty flat x\n")
+    (folder / "notes.txt").write_text("no cloud")
+    output = folder / "out"
+    return script(f"cloud={folder}", "frame=world", f"output={output}"), output
+
+
+def test_one_damaged_file_does_not_stop_the_others_and_the_exit_status_says_so(folder_run) -> None:
+    ended, output = folder_run
+    assert ended.returncode == 1
+    assert "plan_grasp: 1 of 3 files failed" in ended.stderr
+    rows = ended.stdout.splitlines()
+    assert rows[0].split() == ["cloud", "points", "width", "score", "kind", "position", "m", "time"]
+    assert rows[1].startswith("box.npy")
+    assert "50 mm" in rows[1]
+    assert "error: line 4: 'property flat x' is not understood" in rows[2]
+    assert "no grasp: " in rows[3]
+    assert "wide" in rows[3]
+    results = json.loads((output / "results.json").read_text())
+    assert results["summary"] == {"files": 3, "failed": 1, "objects": 2, "with_grasp": 1}
+
+
+def test_results_hold_the_poses_as_the_planner_found_them(folder_run) -> None:
+    _, output = folder_run
+    results = json.loads((output / "results.json").read_text())
+    assert results["gripper"]["stroke"] == 0.14
+    assert results["up"] == [0.0, 0.0, 1.0]
+    (found,) = results["files"][0]["objects"]
+    plan = CurvaturePlanner().plan(box().astype(np.float32), up=(0, 0, 1))
+    assert len(found["grasps"]) == len(plan.candidates)
+    for told, grasp in zip(found["grasps"], plan.candidates, strict=True):
+        np.testing.assert_allclose(told["pose"], grasp.pose, atol=1e-12)
+        assert (told["width"], told["score"]) == (grasp.width, grasp.score)
+        assert told["terms"] == dict(grasp.terms)
+    assert [region["verdict"] for region in found["regions"]] == [region.verdict for region in plan.regions]
+    (wide,) = results["files"][2]["objects"]
+    assert wide["grasps"] == []
+    assert wide["reason"]
+    assert results["files"][1]["error"].startswith("line 4")
+
+
+def test_the_page_stands_by_itself_and_names_every_file(folder_run, outline) -> None:
+    _, output = folder_run
+    seen = outline((output / "plan.html").read_text())
+    assert all(address.startswith(("#", "data:")) for address in seen.addresses)
+    assert {address[1:] for address in seen.addresses if address.startswith("#")} <= set(seen.ids)
+    for name in ("box.npy", "broken.ply", "wide.xyz"):
+        assert seen.text.count(name) >= 2
+    assert len(seen.data) == 2
+    assert not list(output.glob("*.tmp"))
+
+
+def test_a_scene_in_the_cameras_frame_is_cut_into_objects_which_are_each_planned_on_their_table(tmp_path: Path) -> None:
+    np.save(tmp_path / "frame.npy", table_scene())
+    file = plan_file(tmp_path / "frame.npy", task(segmenter=Segmenter(), up=None))
+    assert file.error is None
+    assert file.scene is not None
+    np.testing.assert_allclose(file.scene.plane, [0, 0, -1, 0.7], atol=2e-3)
+    assert len(file.objects) == 2
+    for each in file.objects:
+        assert each.plan.best is not None
+        approach, tips = each.plan.best.pose[:3, 2], each.plan.best.pose[:3, 3]
+        assert approach[2] > 0.8  # down on the table, along the camera's view
+        assert (tips + 0.5 * ROBOTIQ_2F_140.pad_length * approach)[2] < 0.7
+        assert len(each.surroundings) > 100
+
+
+def test_neighbours_are_obstacles(tmp_path: Path) -> None:
+    # 28 mm beside the box is no room for a finger of 18 mm and a clearance of 15 mm.
+    walls = [moved(box_top(0.2, 0.02, 0.1), y=y) for y in (-0.063, 0.063)]
+    planner = CurvaturePlanner(side_clearance=0.015)
+    closing = []
+    for beside in ([], walls):
+        np.save(tmp_path / "frame.npy", on_a_table(box(), *beside))
+        file = plan_file(tmp_path / "frame.npy", task(planner=planner, segmenter=Segmenter(), up=None))
+        assert len(file.objects) == 1 + len(beside)
+        (own,) = [each for each in file.objects if np.abs(each.points[:, :2].mean(axis=0)).max() < 0.03]
+        assert own.plan.best is not None
+        closing.append(abs(own.plan.best.pose[1, 0]))
+    assert closing[0] > 0.95
+    assert closing[1] < 0.3
+
+
+@pytest.mark.parametrize(("scene", "points"), [(False, box() * 1000), (True, table_scene() * 1000)])
+def test_millimetres_are_recognised_and_the_message_says_what_to_set(tmp_path, scene: bool, points: np.ndarray) -> None:
+    np.save(tmp_path / "mm.npy", points)
+    segmenter = Segmenter() if scene else None
+    refused = plan_file(tmp_path / "mm.npy", task(segmenter=segmenter, up=None))
+    assert refused.failed
+    assert "scale=0.001" in str(refused.error)
+    taken = plan_file(tmp_path / "mm.npy", task(segmenter=segmenter, up=None, scale=0.001))
+    assert taken.error is None
+    assert all(each.plan.best is not None for each in taken.objects)
+    assert len(taken.objects) == (2 if scene else 1)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [(np.zeros((0, 3)), "0 points"), (np.full((50, 3), np.nan), "0 points"), (np.ones((3, 3)), "3 points")],
+)
+@pytest.mark.parametrize("scene", [False, True])
+def test_a_cloud_without_an_object_says_so(tmp_path: Path, points: np.ndarray, message: str, scene: bool) -> None:
+    np.save(tmp_path / "empty.npy", points)
+    results = plan_files(
+        [tmp_path / "empty.npy"],
+        task(segmenter=Segmenter() if scene else None),
+        tmp_path / "out",
+        say=lambda line: None,
+    )
+    (file,) = results["files"]
+    if scene:
+        assert file["error"] or not file["objects"]
+    else:
+        assert message in file["objects"][0]["reason"]
+        assert results["summary"]["failed"] == 1
+    assert (tmp_path / "out" / "plan.html").is_file()
+
+
+def test_paths_that_hold_no_cloud_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        cloud_paths(tmp_path / "nowhere")
+    with pytest.raises(CloudError, match="no file of this folder"):
+        cloud_paths(tmp_path)
+
+
+@pytest.mark.parametrize(("field", "value"), [("scale", 0.0), ("scale", "mm"), ("up", (0, 0, 0)), ("up", "z")])
+def test_settings_without_sense_are_refused_by_name(field: str, value: object) -> None:
+    with pytest.raises(ConfigError, match=field):
+        task(**{field: value})
+
+
+def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> None:
+    np.save(tmp_path / "box.npy", box())
+    own = (ROOT / "conf/gripper/panda_hand.yaml").read_text().replace("panda_hand\n", "my_hand\n", 1)
+    (tmp_path / "mine.yaml").write_text(own.replace("stroke: 0.080", "stroke: 0.075"))
+    ended = script(
+        f"cloud={tmp_path}/box.npy",
+        f"gripper={tmp_path}/mine.yaml",
+        "planner=centroid",
+        f"output={tmp_path}/out",
+        "up=[0,0,1]",
+    )
+    assert ended.returncode == 0, ended.stderr
+    results = json.loads((tmp_path / "out/results.json").read_text())
+    assert (results["gripper"]["name"], results["gripper"]["stroke"]) == ("my_hand", 0.075)
+    assert results["planner"] == "CentroidPlanner"
+    assert "my_hand, opening up to 75 mm, planned by CentroidPlanner" in (tmp_path / "out/plan.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["cloud=nowhere.ply"], "cloud nowhere.ply does not exist"),
+        (["cloud=README.md", "gripper.stroke=85"], "gripper.stroke = 85.0 is more than a metre"),
+        (["cloud=README.md", "gripper=nowhere.yaml"], "nowhere.yaml"),
+        (["cloud=README.md", "frame=moon"], "frame = 'moon' must be camera or world"),
+        (["cloud=README.md", "+planner.friction=-1"], "friction = -1 must be between"),
+    ],
+)
+def test_a_command_without_sense_ends_with_one_line(arguments: list[str], message: str, tmp_path: Path) -> None:
+    ended = script(*arguments, f"output={tmp_path}")
+    assert ended.returncode == 1
+    assert message in ended.stderr
+    assert ended.stderr.startswith("plan_grasp: ")
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def test_the_script_needs_neither_torch_nor_the_simulator() -> None:
+    program = (
+        "import sys; sys.path.insert(0, 'scripts'); import plan_grasp; "
+        "print(sorted({name.split('.')[0] for name in sys.modules} & {'torch', 'sapien', 'mani_skill', 'gymnasium'}))"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert ended.stdout.strip() == "[]", ended.stderr
+
+
+@pytest.fixture
+def opened(tmp_path: Path, browse):
+    np.save(tmp_path / "frame.npy", table_scene())
+    plan_files([tmp_path / "frame.npy"], task(segmenter=Segmenter(), up=None), tmp_path / "out", say=lambda line: None)
+    return lambda **how: browse((tmp_path / "out" / "plan.html").read_text(), **how)
+
+
+@pytest.mark.parametrize("how", [{}, {"width": 390, "height": 844}, {"dark": True}], ids=["wide", "phone", "dark"])
+def test_the_page_of_a_scene_opens_without_a_complaint_and_fits(opened, how: dict) -> None:
+    page = opened(**how)
+    assert page.run("document.querySelectorAll('figure.pgv').length") == 3
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
+    output = "document.querySelector('output').textContent"
+    assert page.run(output).startswith("1 of 2: object ")
+    page.run("const s = document.querySelector('input[type=range]'); s.value = 1; s.dispatchEvent(new Event('input'))")
+    assert page.run(output).startswith("2 of 2: object ")
+    assert page.console == []
