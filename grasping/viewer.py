@@ -7,25 +7,31 @@ page. Nothing is fetched from anywhere, so the file can be mailed, archived and 
 
 from __future__ import annotations
 
-import base64
 import html
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from grasping.errors import CloudError
 from grasping.grasp import Grasp, GraspPlan
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.gripper_shape import gripper_parts
+from grasping.viewer_numbers import (
+    FIELD_OF_VIEW,
+    disc_radius,
+    eye_direction,
+    fitting_distance,
+    packed,
+    rounded,
+    thinned,
+    unit_up,
+)
 
 _REGIONS = "Regions"
-_FIELD_OF_VIEW = math.radians(28)  # of the shorter side of a picture
 _PALETTE = ("#2f7ed8", "#e08a1e", "#1fa187", "#c2549d", "#8a6fd1", "#6b8e23", "#d1603d", "#4aa3a2")
 _BEST_RGB, _WORST_RGB = (20, 160, 140), (226, 190, 84)
 _REJECTED_RGB = (176, 128, 132)
@@ -78,7 +84,7 @@ def fragment(
 
     Raises CloudError where there is nothing to draw or an array is not (N, 3).
     """
-    up_axis = _up(up)
+    up_axis = unit_up(up)
     entries: list[dict[str, Any]] = []
     shapes: list[np.ndarray] = []
     if plan is not None:
@@ -104,25 +110,25 @@ def fragment(
     extent = np.concatenate([*(subject or shapes), *drawn])
     target = (extent.min(axis=0) + extent.max(axis=0)) / 2
     radius = float(np.linalg.norm(extent - target, axis=1).max()) or 0.05
-    eye = _eye(plan.best if plan is not None else None, target, up_axis)
+    eye = eye_direction(plan.best if plan is not None else None, target, up_axis)
     # What is told apart keeps its points as far as they fit; the surroundings get what is left.
     n_subject = sum(map(len, subject))
     share = min(1.0, 0.8 * max_points / max(1, n_subject))
     left = max_points - round(share * n_subject)
     for entry, shape in zip(entries, shapes, strict=True):
-        shown = _thinned(shape, left if entry["group"] is None else max(1, round(share * len(shape))))
-        entry.update(_packed(shown), radius=_disc_radius(shown, radius))
+        shown = thinned(shape, left if entry["group"] is None else max(1, round(share * len(shape))))
+        entry.update(packed(shown), radius=disc_radius(shown, radius))
     groups = list(dict.fromkeys(entry["group"] for entry in entries if entry["group"] is not None))
     data = {
         "layers": entries,
         "grasps": grasps,
         "gripper": parts,
         "group": groups[0] if groups else None,
-        "up": _rounded(up_axis),
-        "eye": _rounded(eye),
-        "distance": round(_fitting_distance(extent - target, eye, up_axis), 5),
-        "field_of_view": _FIELD_OF_VIEW,
-        "target": _rounded(target),
+        "up": rounded(up_axis),
+        "eye": rounded(eye),
+        "distance": round(fitting_distance(extent - target, eye, up_axis), 5),
+        "field_of_view": FIELD_OF_VIEW,
+        "target": rounded(target),
         "radius": round(radius, 5),
     }
     return _figure(data, groups, plan, caption)
@@ -265,11 +271,11 @@ def _grasps(steps: Sequence[_Step], gripper: Gripper) -> tuple[list, list, list[
         parts = gripper_parts(gripper, grasp.width)
         poses = [np.asarray(grasp.pose) @ part.T_grasp_part for part in parts]
         terms = [f"{name} {value:.3g}" for name, value in grasp.terms.items()]
-        flat = [_rounded(pose[:3]) for pose in poses]
+        flat = [rounded(pose[:3]) for pose in poses]
         grasps.append({"poses": flat, "layer": None if layer is None else int(layer), "text": text, "terms": terms})
         if not shapes:
             shapes = [
-                {"vertices": _rounded(part.vertices), "faces": part.faces.ravel().tolist(), "rgb": list(part.rgb)}
+                {"vertices": rounded(part.vertices), "faces": part.faces.ravel().tolist(), "rgb": list(part.rgb)}
                 | {"text": [f"{gripper.name}: {part.name}"]}
                 for part in parts
             ]
@@ -288,67 +294,5 @@ def _points(points: np.ndarray, name: str) -> np.ndarray:
     return array[np.isfinite(array).all(axis=1)]
 
 
-def _thinned(points: np.ndarray, limit: int) -> np.ndarray:
-    """Some of the points, drawn at random: every n-th of a frame in raster order would show stripes."""
-    if len(points) <= limit:
-        return points
-    return points[np.random.default_rng(0).choice(len(points), limit, replace=False)]
-
-
-def _packed(points: np.ndarray) -> dict[str, Any]:
-    """Coordinates as uint16 over their bounding box: 6 bytes a point, 15 µm steps over a metre."""
-    if not len(points):
-        return {"xyz": "", "origin": [0, 0, 0], "step": [0, 0, 0]}
-    origin = points.min(axis=0)
-    step = np.maximum(np.ptp(points, axis=0) / 65535, 1e-12)
-    codes = np.rint((points - origin) / step).astype("<u2")
-    return {"xyz": base64.b64encode(codes.tobytes()).decode(), "origin": origin.tolist(), "step": step.tolist()}
-
-
-def _disc_radius(points: np.ndarray, scene_radius: float) -> float:
-    """Of discs that just close the surface, metres."""
-    if len(points) < 5:
-        return round(scene_radius / 60, 6)
-    sample = points[:: max(1, len(points) // 400)]
-    # To the fourth neighbour it is as far as one point needs room, in a camera's raster as in a random choice of it.
-    spacing = float(np.median(cKDTree(points).query(sample, k=5)[0][:, 4]))
-    return round(float(np.clip(0.75 * spacing, scene_radius / 400, scene_radius / 40)), 6)
-
-
-def _up(up: Sequence[float] | np.ndarray | None) -> np.ndarray:
-    axis = np.array([0.0, -1.0, 0.0]) if up is None else np.asarray(up, dtype=np.float64)
-    if axis.shape != (3,) or not np.isfinite(axis).all() or np.linalg.norm(axis) < 1e-9:
-        raise CloudError(f"up must be a finite vector of three numbers, not {up!r}")
-    return axis / np.linalg.norm(axis)
-
-
-def _eye(grasp: Grasp | None, target: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Unit vector from the target to the viewer: along the finger's hinge axis, so that the closing shows, from above.
-
-    Of the two sides the one towards the frame's origin, where a depth camera saw the points from.
-    """
-    sideways = grasp.pose[:3, 1] if grasp is not None else -target
-    flat = sideways - (sideways @ up) * up
-    if np.linalg.norm(flat) < 1e-6:
-        flat = np.cross(up, np.roll(up, 1))
-    if flat @ -target < 0:
-        flat = -flat
-    direction = 0.82 * flat / np.linalg.norm(flat) + 0.57 * up
-    return direction / np.linalg.norm(direction)
-
-
-def _fitting_distance(extent: np.ndarray, eye: np.ndarray, up: np.ndarray) -> float:
-    """From the eye to the target so that all of the extent (M, 3), about the target, is in a square picture, metres."""
-    right = np.cross(up, eye)
-    length = float(np.linalg.norm(right))
-    right = right / length if length > 1e-6 else np.cross(np.roll(eye, 1), eye)
-    aside = np.maximum(np.abs(extent @ right), np.abs(extent @ np.cross(eye, right)))
-    return max(1.05 * float((extent @ eye + aside / math.tan(_FIELD_OF_VIEW / 2)).max()), 0.05)
-
-
 def _rgb(colour: str) -> list[int]:
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    return [round(float(value), 5) for value in np.asarray(values).ravel()]
