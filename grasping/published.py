@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,21 +28,32 @@ FloatArray = NDArray[np.float64]
 class PublishedPlanner:
     """PCA → slabs and their clusters → primitives → smallest sum of lateral curvatures (chapter 5).
 
-    gripper: W_g is its stroke, H_g its finger width.
+    gripper: W_g is its stroke, H_g its finger width. An object no longer than H_g is held at its centre.
+
+    Values that the text leaves open:
+
     n_points: the cloud is thinned to this many points, as the thresholds depend on density (256, inferred).
-    neighbour_divisor: n of the neighbourhoods: k = N_region / n for the primitive (at least 3), 2 N_region / n for a
-        lateral curvature (at least 4). Public release: 6 by default, 4 in a launch file.
-    similar_length: regions whose lengths differ by no more are alike, m (public release: 8 mm).
-    curvature_floor: a region with P at or below it is not taken; guards against almost empty neighbourhoods. Public
-        release; 0 switches it off.
+    partial_slab: K = H_o / H_g is seldom whole. Slabs run from y_max downward; whether what is left at the other end is
+        a slab as well (public release) or in none.
     slab_points: a slab needs more points than this (public release: 8).
     cluster_tolerance, cluster_points: Euclidean clusters in a slab, m, and their least and greatest number of points
-        (public release: 0.02 or 0.03 m, 5 to 100).
+        (public release: 0.02 or 0.03 m, 5 to 100). The whole slab stays a region beside them, as the text has it.
+    neighbour_divisor, least_neighbours: n of the neighbourhoods, which stay within their region and count the point
+        itself: k = N_region / n for the primitive, 2 N_region / n for a lateral curvature, and at least so many of
+        either. Public release: 6 by default, 4 in a launch file; 3 and 4.
+    similar_length: regions whose lengths differ by no more are alike, m (public release: 8 mm).
+    alike: which regions must be alike for the object to be one primitive: "consecutive" ones of those sorted by P
+        (public release), so that the length may drift along them, or "all".
+    curvature_floor: a region with P at or below it is not taken; guards against almost empty neighbourhoods. Public
+        release: 0.016; the text has none, which is 0 here.
     tip_clearance: the pads' tips are kept this far above a known table, m. Not in the text; without a table no effect.
 
-    The closing axis is the region's own axis nearest to the object's x, the approach its z. Where `up` is given the
-    approach is straight down instead, and the closing axis the most horizontal of the region's x and z. The text
-    has no rule for the approach.
+    The text has no rule for the approach. Here the closing axis is the region's own axis nearest to the object's x, the
+    approach its z, from the seen side. Where `up` is given the approach is straight down instead, and the closing axis
+    the most horizontal of the region's x and z. A primitive and a small object are held at their centroid, a region
+    midway between its two sides. Nothing is held that is wider than the stroke, across its own axes too.
+
+    Terms of a grasp on a region: `curvature`, P, and `length`, L, m. Score: 1 - 1.5 P; P is at most 2/3.
     """
 
     def __init__(
@@ -49,35 +61,45 @@ class PublishedPlanner:
         gripper: Gripper = ROBOTIQ_2F_140,
         *,
         n_points: int = 256,
-        neighbour_divisor: int = 6,
-        similar_length: float = 0.008,
-        curvature_floor: float = 0.016,
+        partial_slab: bool = True,
         slab_points: int = 8,
         cluster_tolerance: float = 0.02,
         cluster_points: tuple[int, int] = (5, 100),
+        neighbour_divisor: int = 6,
+        least_neighbours: tuple[int, int] = (3, 4),
+        similar_length: float = 0.008,
+        alike: Literal["consecutive", "all"] = "consecutive",
+        curvature_floor: float = 0.016,
         tip_clearance: float = 0.004,
     ) -> None:
         for name, value, least in (
             ("n_points", n_points, 16),
+            ("slab_points", slab_points, 0),
+            ("cluster_tolerance", cluster_tolerance, 1e-6),
             ("neighbour_divisor", neighbour_divisor, 1),
             ("similar_length", similar_length, 0.0),
             ("curvature_floor", curvature_floor, 0.0),
-            ("slab_points", slab_points, 0),
-            ("cluster_tolerance", cluster_tolerance, 1e-6),
             ("tip_clearance", tip_clearance, 0.0),
         ):
             if not (math.isfinite(value) and value >= least):
                 raise ConfigError(f"{name} = {value!r} must be at least {least}")
         if len(cluster_points) != 2 or not 1 <= cluster_points[0] <= cluster_points[1]:
             raise ConfigError(f"cluster_points = {cluster_points!r} must be (least, greatest), at least 1")
+        if len(least_neighbours) != 2 or min(least_neighbours) < 3:
+            raise ConfigError(f"least_neighbours = {least_neighbours!r} must be (primitive, lateral), at least 3")
+        if alike not in ("consecutive", "all"):
+            raise ConfigError(f"alike = {alike!r} must be 'consecutive' or 'all'")
         self.gripper = gripper
         self.n_points = n_points
-        self.neighbour_divisor = neighbour_divisor
-        self.similar_length = similar_length
-        self.curvature_floor = curvature_floor
+        self.partial_slab = partial_slab
         self.slab_points = slab_points
         self.cluster_tolerance = cluster_tolerance
         self.cluster_points = (cluster_points[0], cluster_points[1])
+        self.neighbour_divisor = neighbour_divisor
+        self.least_neighbours = (least_neighbours[0], least_neighbours[1])
+        self.similar_length = similar_length
+        self.alike = alike
+        self.curvature_floor = curvature_floor
         self.tip_clearance = tip_clearance
 
     def plan(
@@ -108,14 +130,11 @@ class PublishedPlanner:
         regions = self._regions(cloud, local)
         if not regions:
             return plan_from([], [], f"no slab of the object has more than {self.slab_points} points")
-        by_curvature = sorted(regions, key=lambda region: region.curvature)
-        primitives = [region.primitive for region in by_curvature]
-        if all_alike(primitives, [region.width for region in by_curvature], self.similar_length):
+        if self._one_primitive(regions):
             grasp = self._grasp(cloud, axes, scene, "primitive", None, {})
             width = max(grasp.width, *(region.width for region in regions))
-            reason = (
-                f"the object is one {primitives[0]}, {width * 1e3:.0f} mm wide; the gripper opens {self._stroke_mm} mm"
-            )
+            name = regions[0].primitive
+            reason = f"the object is one {name}, {width * 1e3:.0f} mm wide; the gripper opens {self._stroke_mm} mm"
             return plan_from([grasp] if width <= self.gripper.stroke else [], regions, reason)
 
         candidates = []
@@ -130,6 +149,15 @@ class PublishedPlanner:
                     wide = f"too wide across its own axes: {grasp.width * 1e3:.0f} mm"
                     regions[index] = replace(region, verdict=wide)
         return plan_from(candidates, regions, self._no_region(regions))
+
+    def _one_primitive(self, regions: list[RegionReport]) -> bool:
+        if self.alike == "all":
+            widths = [region.width for region in regions]
+            same = len({region.primitive for region in regions}) == 1
+            return same and max(widths) - min(widths) <= self.similar_length
+        ordered = sorted(regions, key=lambda region: region.curvature)
+        primitives = [region.primitive for region in ordered]
+        return all_alike(primitives, [region.width for region in ordered], self.similar_length)
 
     @property
     def _stroke_mm(self) -> str:
@@ -148,7 +176,7 @@ class PublishedPlanner:
     def _regions(self, cloud: FloatArray, local: FloatArray) -> list[RegionReport]:
         """The slabs along the object's long axis and, where a slab falls apart, its clusters too."""
         regions = []
-        for slab, members in enumerate(slabs(local[:, 1], self.gripper.finger_width)):
+        for slab, members in enumerate(slabs(local[:, 1], self.gripper.finger_width, partial=self.partial_slab)):
             if len(members) <= self.slab_points:
                 continue
             regions.append(self._report(cloud[members], local[members], slab, None))
@@ -165,15 +193,17 @@ class PublishedPlanner:
     def _report(self, points: FloatArray, local: FloatArray, slab: int, cluster: int | None) -> RegionReport:
         """Primitive, length L_i and lateral curvature P_i of a region, and the verdict on them."""
         count = len(points)
+        least, least_lateral = self.least_neighbours
         tree = cKDTree(local)
-        primitive = primitive_of(surface_variation(local, max(3, count // self.neighbour_divisor), tree))
+        primitive = primitive_of(surface_variation(local, max(least, count // self.neighbour_divisor), tree))
         x = local[:, 0]
         sides = local[[int(x.argmax()), int(x.argmin())]]
-        curvature = float(variation_at(local, sides, max(4, 2 * count // self.neighbour_divisor), tree).sum())
+        lateral = variation_at(local, sides, max(least_lateral, 2 * count // self.neighbour_divisor), tree)
+        curvature = float(lateral.sum())
         width = float(np.ptp(x))
         if width > self.gripper.stroke:
             verdict = f"too wide: {width * 1e3:.0f} mm"
-        elif curvature <= self.curvature_floor:
+        elif 0.0 < self.curvature_floor >= curvature:
             verdict = f"lateral curvature at or below the floor of {self.curvature_floor:g}"
         else:
             verdict = "candidate"
@@ -184,17 +214,18 @@ class PublishedPlanner:
         points: FloatArray,
         axes: FloatArray,
         scene: tuple[FloatArray | None, FloatArray | None],
-        kind: str,
+        kind: Literal["primitive", "region"],
         region: int | None,
         terms: dict[str, float],
     ) -> Grasp:
-        """The pose at the centre of the points: midway along the closing axis, the mean along the other two."""
+        """The pose at the centre of the points: their mean; midway between the two sides for a region."""
         up, plane = scene
         rotation = _hand(points, axes, up)
         local = points @ rotation
         centre = local.mean(axis=0)
         low, high = float(local[:, 0].min()), float(local[:, 0].max())
-        centre[0] = 0.5 * (low + high)
+        if kind == "region":
+            centre[0] = 0.5 * (low + high)
         pose = np.eye(4)
         pose[:3, :3] = rotation
         pose[:3, 3] = rotation @ centre
@@ -203,8 +234,7 @@ class PublishedPlanner:
             missing = self.tip_clearance - float(plane[:3] @ tips + plane[3])
             pose[:3, 3] += max(0.0, missing) * plane[:3]
         # P is at most 2/3 (two neighbourhoods of σ = 1/3): 1 is flat on both sides, 0 has no flat side.
-        score = 1.0 - 1.5 * terms.get("curvature", 0.0)
-        return Grasp(pose, high - low, score, "primitive" if kind == "primitive" else "region", region, terms)
+        return Grasp(pose, high - low, 1.0 - 1.5 * terms.get("curvature", 0.0), kind, region, terms)
 
 
 def _aligned(points: FloatArray, axes: FloatArray) -> FloatArray:

@@ -54,15 +54,15 @@ def way_in(points: FloatArray, axis: FloatArray) -> FloatArray:
     return -axis if float(depth @ outward) < 0.0 else axis
 
 
-def slabs(y: FloatArray, height: float) -> list[IntArray]:
-    """Cut along y (N,) from y_max downward into slabs of this height, the last one partial: indices of each.
+def slabs(y: FloatArray, height: float, *, partial: bool = True) -> list[IntArray]:
+    """Cut along y (N,) from y_max downward into slabs of this height: indices of each.
 
-    There are int(H / height) + 1 of them; slabs without points are left out.
+    There are int(H / height) whole ones and, with `partial`, what is left; slabs without points are left out.
     """
     order = np.floor((y.max() - y) / height).astype(np.int64)
     last = int((y.max() - y.min()) / height)
     order = np.minimum(order, last)
-    return [np.flatnonzero(order == i) for i in range(last + 1) if (order == i).any()]
+    return [np.flatnonzero(order == i) for i in range(last + partial) if (order == i).any()]
 
 
 def euclidean_clusters(points: FloatArray, tolerance: float) -> IntArray:

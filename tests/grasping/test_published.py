@@ -16,15 +16,17 @@ def test_a_cylinder_is_one_primitive_held_at_its_centroid() -> None:
     assert plan.best.kind == "primitive"
     assert plan.reason is None
     assert len({region.primitive for region in plan.regions}) == 1
-    assert np.linalg.norm(plan.best.pose[:3, 3]) < 0.004
+    np.testing.assert_allclose(plan.best.pose[:3, 3], cloud.mean(axis=0), atol=1e-9)
     assert abs(plan.best.pose[:3, 0] @ [0, 1, 0]) < 0.1  # closes across its axis
     assert plan.best.width == pytest.approx(0.066, abs=0.002)
 
 
 def test_a_small_object_is_held_at_its_centre_without_regions() -> None:
     rng = np.random.default_rng(0)
-    plan = CurvaturePlanner.published().plan(rng.uniform(-0.01, 0.01, (200, 3)))
+    cloud = rng.uniform(-0.01, 0.01, (200, 3))
+    plan = CurvaturePlanner.published().plan(cloud)
     assert plan.best is not None
+    np.testing.assert_allclose(plan.best.pose[:3, 3], cloud.mean(axis=0), atol=1e-9)
     assert plan.best.kind == "primitive"
     assert plan.regions == []
 
@@ -59,6 +61,36 @@ def test_regions_below_the_curvature_floor_are_named_and_not_taken() -> None:
     for region in plan.regions:
         assert (region.verdict == "candidate") == (region.curvature > floor)
     assert all(grasp.terms["curvature"] > floor for grasp in plan.candidates)
+
+
+def test_without_a_floor_even_a_perfectly_flat_region_is_taken() -> None:
+    wide, narrow = (box_top(0.08, width, 0.0, step=0.006, bottom=False) for width in (0.06, 0.02))
+    plate = np.vstack([wide, moved(narrow, x=0.08)])
+    assert {region.verdict for region in PublishedPlanner(curvature_floor=0.0).plan(plate).regions} == {"candidate"}
+    refused = PublishedPlanner().plan(plate)
+    assert refused.best is None
+    assert "lateral curvature of 0.016 or less" in str(refused.reason)
+
+
+def test_the_rest_below_the_last_whole_slab_is_a_region_only_where_asked_for() -> None:
+    cloud = pliers(step=0.004)
+    length = np.ptp(cloud[:, 0])
+    with_rest = PublishedPlanner().plan(cloud)
+    without = PublishedPlanner(partial_slab=False).plan(cloud)
+    assert {region.slab for region in with_rest.regions} == set(range(int(length / 0.027) + 1))
+    assert {region.slab for region in without.regions} == set(range(int(length / 0.027)))
+
+
+def test_lengths_may_drift_along_consecutive_regions_but_not_where_all_must_be_alike() -> None:
+    # A cone: 5 mm less from slab to slab.
+    cone = ringed_cylinder(1.0, 0.1349, rings=30, around=16)
+    cone[:, [0, 2]] *= 0.034 - 0.0925 * cone[:, 1:2]
+    consecutive = PublishedPlanner(n_points=1000, neighbour_divisor=4).plan(cone)
+    assert consecutive.best is not None
+    assert consecutive.best.kind == "primitive"
+    every = PublishedPlanner(n_points=1000, neighbour_divisor=4, alike="all").plan(cone)
+    assert every.best is not None
+    assert every.best.kind == "region"
 
 
 def test_a_region_is_turned_to_its_own_axes() -> None:
@@ -108,6 +140,8 @@ def test_points_in_any_order_give_the_same_plan() -> None:
         ("curvature_floor", float("nan")),
         ("cluster_tolerance", 0.0),
         ("cluster_points", (10, 5)),
+        ("least_neighbours", (3, 2)),
+        ("alike", "some"),
         ("tip_clearance", -0.1),
     ],
 )
