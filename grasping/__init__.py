@@ -5,6 +5,7 @@ plan.best.pose, plan.best.width
 """
 
 from grasping.errors import CloudError, ConfigError
+from grasping.fusion import Fused, FusedView, fuse
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.planner import CurvaturePlanner
@@ -19,6 +20,8 @@ __all__ = [
     "CloudError",
     "ConfigError",
     "CurvaturePlanner",
+    "Fused",
+    "FusedView",
     "GeoGraspPlanner",
     "Grasp",
     "GraspPlan",
@@ -31,4 +34,5 @@ __all__ = [
     "Selection",
     "SelectiveGrasper",
     "SinglePrimitivePlanner",
+    "fuse",
 ]

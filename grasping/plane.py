@@ -50,7 +50,7 @@ def find_table(
     equation = _ransac(points, up, rng, coarse)
     if equation is None:
         return "no plane is level enough to be a table"
-    plane = _upwards(_refine(points, equation, coarse, band), points, up)
+    plane = _upwards(refine(points, equation, coarse, band), points, up)
     plane = _other_level(points, plane, coarse, band) or plane
     inliers = points[np.abs(plane.distances(points)) <= plane.band]
     if len(inliers) < LEAST_SHARE * len(points):
@@ -100,7 +100,7 @@ def _ransac(points: FloatArray, up: FloatArray | None, rng: np.random.Generator,
     return np.append(normals[best], offsets[best])
 
 
-def _refine(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[float, float]) -> Plane:
+def refine(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[float, float]) -> Plane:
     """Least squares on the inliers, whose band shrinks to three times their residual."""
     width, residual = coarse, coarse
     for _ in range(5):
@@ -157,7 +157,7 @@ def _other_level(points: FloatArray, plane: Plane, coarse: float, band: tuple[fl
         best = int(pairs.argmax())
         if pairs[best] < LEAST_SHARE * len(points):
             continue
-        level = _refine(points, plane.equation - np.array([0.0, 0.0, 0.0, edges[best + 1]]), coarse, band)
+        level = refine(points, plane.equation - np.array([0.0, 0.0, 0.0, edges[best + 1]]), coarse, band)
         members = points[np.abs(level.distances(points)) <= level.band]
         if len(members) >= LEAST_SHARE * len(points) and _width(members) >= LEAST_EXTENT:
             return level
