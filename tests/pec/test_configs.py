@@ -46,3 +46,25 @@ def test_command_line_defaults_are_the_library_defaults():
     from_files = _config()
     from_code = read_config({"dataset": {"path": "somewhere"}, "output": from_files.output})
     assert from_files.decisive() == from_code.decisive()
+
+
+@pytest.mark.parametrize("name", ["table_4_1", "table_4_2", "table_4_3", "learning_rates", "rivals"])
+def test_every_cell_of_an_experiment_is_accepted(name):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        base = [f"experiment={name}", "dataset.path=somewhere", "name=a", "folder=b"]
+        cfg = compose("ablate", base, return_hydra_config=True)
+        title = cfg.table.title
+        grid = {key: str(value).split(",") for key, value in cfg.hydra.sweeper.params.items()}
+        # Every value of each axis once: the axes do not depend on each other.
+        for i in range(max(map(len, grid.values()))):
+            cell = [f"{key}={values[i % len(values)]}" for key, values in grid.items()]
+            settings = OmegaConf.to_container(compose("ablate", [*base, *cell]), resolve=True)
+            published = settings.pop("table")["published"]
+            del settings["name"], settings["folder"]
+            config = read_config(settings)
+            assert config.augment.is_identity
+    if name.startswith("table"):
+        assert title.startswith(f"Table {name[-3]}.{name[-1]}")
+        assert {"published_g16", "published_n128_g32", "none"} <= set(grid["preprocess"])
+        assert len(grid["seed"]) >= 3
+        assert all(70 - 5 < item["accuracy"] < 100 for item in published)

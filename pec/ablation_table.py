@@ -1,0 +1,304 @@
+"""The cells of a grid side by side: one table with intervals beside the published figures, and the plots."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean, stdev
+from typing import Any
+
+from pec.ablation import code_version, read_cells
+from pec.charts import chart
+from pec.evaluation import wilson_interval
+
+__all__ = ["Row", "read_rows", "write_table"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells that differ in nothing but their seed. Lists have one value a seed that is done; accuracies in [0, 1]."""
+
+    settings: dict[str, Any]
+    """Resolved, without the seed."""
+    seeds: list[int]
+    results: list[dict[str, Any]]
+    missing: list[str]
+    """Of the seeds that are not done, which and why."""
+
+    @property
+    def points(self) -> int:
+        return self.settings["preprocess"]["n_points"]
+
+    @property
+    def order(self) -> str:
+        """ "groups of 16", "no grouping", or the ordering and the pose that are ours."""
+        preprocess = self.settings["preprocess"]
+        if preprocess["ordering"] == "groups":
+            return f"groups of {preprocess['group_size']}"
+        if preprocess["ordering"] == "none":
+            return "no grouping"
+        return f"{preprocess['ordering']}, {preprocess['pose']} pose"
+
+    @property
+    def protocol(self) -> str:
+        return "honest" if self.settings["protocol"]["selection"] == "validation" else "published"
+
+    @property
+    def name(self) -> str:
+        return f"{self.settings['model']['name']}, {self.points} points, {self.order}, {self.protocol}"
+
+    def values(self, *path: str) -> list[float]:
+        """What results.json has at `path`, of every seed that is done."""
+        found: list[Any] = list(self.results)
+        for name in path:
+            found = [value[name] for value in found]
+        return found
+
+
+def read_rows(folder: str | os.PathLike[str]) -> list[Row]:
+    """The cells of `folder` that the present code made, joined over their seeds."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for cell in read_cells(folder):
+        settings = {name: value for name, value in cell["settings"].items() if name != "seed"}
+        groups.setdefault(json.dumps([settings, cell["data"]], sort_keys=True), []).append(cell)
+    rows = []
+    for cells in groups.values():
+        cells.sort(key=lambda cell: cell["settings"]["seed"])
+        done = [cell for cell in cells if cell["status"] == "done"]
+        rows.append(
+            Row(
+                {name: value for name, value in cells[0]["settings"].items() if name != "seed"},
+                [cell["settings"]["seed"] for cell in done],
+                [cell["results"] for cell in done],
+                [
+                    f"seed {cell['settings']['seed']}: {cell['error'] or cell['status']}"
+                    for cell in cells
+                    if cell["status"] != "done"
+                ],
+            )
+        )
+    return sorted(rows, key=lambda row: (row.settings["model"]["name"], row.protocol, row.points, _group(row) or 1e9))
+
+
+def write_table(folder: str | os.PathLike[str], title: str, published: Sequence[Mapping[str, Any]]) -> str:
+    """Write FOLDER/table.md, table.csv, results.json and the plots; returns the markdown.
+
+    published: {points, group, accuracy}, group None for no grouping, accuracy in %: beside the rows of model "pec" in
+    the published preprocessing.
+    """
+    folder = Path(folder)
+    rows = read_rows(folder)
+    figures = {(item["points"], item["group"]): float(item["accuracy"]) for item in published}
+    markdown = _markdown(rows, title, figures)
+    _write(folder / "table.md", markdown)
+    _write(folder / "table.csv", _csv(rows, figures))
+    _write(folder / "results.json", _json({"title": title, "code": code_version(), "rows": _summaries(rows, figures)}))
+    for name, svg in _plots(rows, figures).items():
+        _write(folder / f"{name}.svg", svg)
+    return markdown
+
+
+def _group(row: Row) -> int | None:
+    preprocess = row.settings["preprocess"]
+    return preprocess["group_size"] if preprocess["ordering"] == "groups" else None
+
+
+def _published(row: Row, figures: Mapping[tuple[int, int | None], float]) -> float | None:
+    preprocess = row.settings["preprocess"]
+    as_published = preprocess["ordering"] in ("groups", "none") and preprocess["pose"] == "given"
+    if row.settings["model"]["name"] != "pec" or not as_published:
+        return None
+    return figures.get((row.points, _group(row)))
+
+
+def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int | None], float]) -> str:
+    head = ["model", "points", "order", "protocol", "epochs", "seeds", "best epoch %", "Wilson 95 %", "last epoch %"]
+    head += ["train split %", "published %", "calibration error %", "parameters", "multiply-adds"]
+    head += ["network ms", "raw cloud ms", "training s"]
+    differing = _differing(rows)
+    head += ["other settings"] if differing else []
+    lines = [f"# {title}", "", " | ".join(head), " | ".join(["---"] * len(head))]
+    for row in rows:
+        published = _published(row, figures)
+        fields = [row.settings["model"]["name"], str(row.points), row.order, row.protocol]
+        if row.results:
+            low, high = _wilson(row)
+            fields += [
+                _range(row.values("epochs")),
+                str(len(row.seeds)),
+                _percent(row.values("best", "test_accuracy")),
+                f"{100 * low:.1f}–{100 * high:.1f}",
+                _percent(row.values("last", "test_accuracy")),
+                _percent(row.values("best", "train_accuracy")),
+                "–" if published is None else f"{published:g}",
+                _percent(row.values("best", "test_calibration_error")),
+                f"{row.results[0]['parameters']:,}",
+                f"{row.results[0]['costs']['multiply_adds']:,}",
+                f"{min(row.values('costs', 'network_ms')):.2f}",
+                f"{min(row.values('costs', 'raw_cloud_ms')):.2f}",
+                _range([round(value) for value in row.values("training_s")]),
+            ]
+        else:
+            fields += ["–", "0", *["–"] * 4, "–" if published is None else f"{published:g}", *["–"] * 6]
+        fields += [", ".join(f"{name}={_flat(row.settings)[name]}" for name in differing)] if differing else []
+        lines.append(" | ".join(fields))
+    lines += [
+        "",
+        "Accuracies are of the test split, mean ± standard deviation over the seeds; Wilson's interval is that of the "
+        "mean accuracy on one test split. Protocol honest: the best epoch is that of validation, test is read once. "
+        "Protocol published: the best epoch on the evaluation split itself, an optimistic figure. Train split: the "
+        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread.",
+    ]
+    failures = [f"- {row.name}, {reason}" for row in rows for reason in row.missing]
+    if failures:
+        lines += ["", "Not in the table:", "", *failures]
+    return "\n".join(lines) + "\n"
+
+
+def _csv(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -> str:
+    """A line a cell that is done, with Wilson's interval of its own accuracy."""
+    text = io.StringIO()
+    writer: csv.DictWriter[str] | None = None
+    for row in rows:
+        for seed, result in zip(row.seeds, row.results, strict=True):
+            best, n = result["best"], result["n_samples"]["test"]
+            low, high = wilson_interval(best["test_accuracy"], n)
+            line = {
+                "model": row.settings["model"]["name"],
+                "points": row.points,
+                "order": row.order,
+                "protocol": row.protocol,
+                "epochs": result["epochs"],
+                "seed": seed,
+                "best_epoch": best["epoch"],
+                "test_accuracy": best["test_accuracy"],
+                "wilson_low": low,
+                "wilson_high": high,
+                "n_test": n,
+                "last_test_accuracy": result["last"]["test_accuracy"],
+                "train_accuracy": best["train_accuracy"],
+                "published": None if (figure := _published(row, figures)) is None else figure / 100,
+                "calibration_error": best["test_calibration_error"],
+                **result["costs"],
+                "training_s": result["training_s"],
+                "device": result["device"],
+                "settings": json.dumps(row.settings, sort_keys=True),
+            }
+            if writer is None:
+                writer = csv.DictWriter(text, list(line), lineterminator="\n")
+                writer.writeheader()
+            writer.writerow(line)
+    return text.getvalue()
+
+
+def _summaries(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -> list[dict[str, Any]]:
+    summaries = []
+    for row in rows:
+        accuracies = row.values("best", "test_accuracy")
+        summaries.append(
+            {
+                "settings": row.settings,
+                "protocol": row.protocol,
+                "seeds": row.seeds,
+                "epochs": row.values("epochs"),
+                "test_accuracy": accuracies,
+                "mean": fmean(accuracies) if accuracies else None,
+                "deviation": stdev(accuracies) if len(accuracies) > 1 else None,
+                "wilson": list(_wilson(row)) if accuracies else None,
+                "last_test_accuracy": row.values("last", "test_accuracy"),
+                "train_accuracy": row.values("best", "train_accuracy"),
+                "published": None if (figure := _published(row, figures)) is None else figure / 100,
+                "costs": row.values("costs"),
+                "training_s": row.values("training_s"),
+                "missing": row.missing,
+            }
+        )
+    return summaries
+
+
+def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -> dict[str, str]:
+    """Each plot that the rows have something to show in."""
+    done = [row for row in rows if row.results]
+    means = {id(row): 100 * fmean(row.values("best", "test_accuracy")) for row in done}
+    plots = {}
+    grouped: dict[str, list[tuple[float, float]]] = {}
+    for row in done:
+        if row.settings["preprocess"]["ordering"] in ("groups", "none"):
+            place = float(_group(row) or row.points)  # no grouping is one group of all
+            name = f"{row.settings['model']['name']}, {row.points} points, {row.protocol}"
+            grouped.setdefault(name, []).append((place, means[id(row)]))
+    if len({x for points in grouped.values() for x, _ in points}) > 1:
+        for (points, group), accuracy in figures.items():
+            grouped.setdefault(f"dissertation, {points} points", []).append((float(group or points), accuracy))
+        series = {name: sorted(points) for name, points in grouped.items()}
+        sizes = sorted({x for points in series.values() for x, _ in points})
+        plots["accuracy_by_group_size"] = chart(
+            series,
+            x_label="points in a group; the rightmost of a line: no grouping",
+            y_label="test accuracy, %",
+            x_ticks={size: f"{size:g}" for size in sizes},
+            logarithmic=True,
+        )
+    latencies = {row.name: [(min(row.values("costs", "raw_cloud_ms")), means[id(row)])] for row in done}
+    if len(latencies) > 1:
+        plots["accuracy_by_latency"] = chart(
+            latencies,
+            x_label="ms from a raw cloud to its class, one CPU thread",
+            y_label="test accuracy, %",
+            logarithmic=True,
+        )
+    rates = {row.settings["protocol"]["learning_rate"] for row in done}
+    if len(rates) > 1:
+        for curve, label in (("selection_accuracy", "selection accuracy, %"), ("train_loss", "training loss")):
+            factor = 100 if curve.endswith("accuracy") else 1
+            series = {}
+            for row in done:
+                epochs = zip(*(result["curves"][curve] for result in row.results), strict=True)
+                name = f"rate {row.settings['protocol']['learning_rate']:g}, {row.order}"
+                series[name] = [(float(e), factor * fmean(values)) for e, values in enumerate(epochs, 1)]
+            plots[f"learning_curves_{curve}"] = chart(series, x_label="epoch", y_label=label)
+    return plots
+
+
+def _differing(rows: Sequence[Row]) -> list[str]:
+    """Names of settings that are not the same in all rows and that no column says."""
+    said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs")
+    flat = [_flat(row.settings) for row in rows]
+    names = sorted({name for settings in flat for name in settings if not name.startswith(said)})
+    return [name for name in names if len({str(settings.get(name)) for settings in flat}) > 1]
+
+
+def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat.update(_flat(value, f"{where}{name}.") if isinstance(value, Mapping) else {where + name: value})
+    return flat
+
+
+def _wilson(row: Row) -> tuple[float, float]:
+    return wilson_interval(fmean(row.values("best", "test_accuracy")), row.results[0]["n_samples"]["test"])
+
+
+def _percent(shares: Sequence[float]) -> str:
+    mean = f"{100 * fmean(shares):.2f}"
+    return f"{mean} ± {100 * stdev(shares):.2f}" if len(shares) > 1 else mean
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g}–{high:g}"
+
+
+def _json(content: Mapping[str, Any]) -> str:
+    return json.dumps(content, indent=1) + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(text)
+    os.replace(temporary, path)

@@ -1,0 +1,208 @@
+"""A grid keeps its cells, says why one failed, and ends in a table that says what was measured."""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from statistics import fmean, stdev
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pec.ablation import cell_key, code_version, read_cells, run_cell
+from pec.ablation_table import write_table
+from pec.charts import chart
+from pec.evaluation import wilson_interval
+
+ROOT = Path(__file__).parents[2]
+
+
+def _settings(shapes, folder, **changes):
+    return {
+        "dataset": {"path": str(shapes), "samples_per_instance": 10},
+        "preprocess": {"n_points": 64, "pose": "given", "ordering": "groups", "group_size": 16}
+        | changes.pop("preprocess", {}),
+        "model": {"name": "pec"},
+        "protocol": {"epochs": 1, "batch_size": 16, "selection": "validation", "learning_rate": 0.002}
+        | changes.pop("protocol", {}),
+        "augment": {},
+        "seed": 0,
+        "progress": False,
+        "folder": str(folder),
+        "name": "anything",
+    } | changes
+
+
+@pytest.fixture(scope="module")
+def grid(shapes, tmp_path_factory):
+    """Two seeds of two groupings, one of which fails for one seed, and another learning rate."""
+    folder = tmp_path_factory.mktemp("grid")
+    for seed in (0, 1):
+        run_cell(_settings(shapes, folder, seed=seed))
+    run_cell(_settings(shapes, folder, preprocess={"group_size": 4}))
+    run_cell(_settings(shapes, folder, preprocess={"group_size": 7}))
+    run_cell(_settings(shapes, folder, protocol={"learning_rate": 0.1}))
+    return folder
+
+
+def test_cell_is_run_once(shapes, grid):
+    settings = _settings(shapes, grid)
+    weights = grid / "cells" / cell_key(settings) / "last" / "model.safetensors"
+    before = weights.stat().st_mtime_ns
+    cell = run_cell(settings | {"name": "another", "threads": 2, "progress": True})
+    assert cell["status"] == "done"
+    assert weights.stat().st_mtime_ns == before
+
+
+def test_key_changes_with_what_decides_the_numbers_and_with_nothing_else(shapes, tmp_path):
+    settings = _settings(shapes, tmp_path)
+    key = cell_key(settings)
+    moved = shutil.copytree(shapes, tmp_path / "moved")
+    assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) == key
+    assert cell_key(settings | {"folder": "elsewhere", "cache": "somewhere", "device": "cpu"}) == key
+    assert cell_key(settings | {"seed": 1}) != key
+    assert cell_key(_settings(shapes, tmp_path, protocol={"epochs": 2})) != key
+    manifest = json.loads((moved / "manifest.json").read_text())
+    (moved / "manifest.json").write_text(json.dumps(manifest | {"seed": 5}))
+    assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) != key
+
+
+def test_code_version_is_that_of_the_statements(tmp_path):
+    package = shutil.copytree(ROOT / "pec", tmp_path / "pec", ignore=shutil.ignore_patterns("__pycache__"))
+
+    before = code_version.__wrapped__(package)
+    pose = package / "pose.py"
+    pose.write_text("# A remark.\n" + pose.read_text().replace('"""A canonical pose', '"""The canonical pose'))
+    assert code_version.__wrapped__(package) == before
+    (package / "charts.py").write_text("EXTRA = 1\n")  # no number comes from it
+    assert code_version.__wrapped__(package) == before
+    (package / "ordering.py").write_text((package / "ordering.py").read_text() + "\nEXTRA = 1\n")
+    assert code_version.__wrapped__(package) != before
+    (package / "new.py").write_text("")
+    assert code_version.__wrapped__(package) != before
+
+
+def test_failed_cell_says_why_and_is_tried_again(shapes, tmp_path):
+    settings = _settings(tmp_path / "nothing", tmp_path)
+    cell = run_cell(settings)
+    assert cell["status"] == "failed"
+    assert re.match(r"DatasetError: .*nothing.*", cell["error"])
+    assert [known["status"] for known in read_cells(tmp_path)] == ["failed"]
+    again = run_cell(_settings(shapes, tmp_path, dataset={"path": str(shapes), "samples_per_instance": 10}))
+    assert again["status"] == "done"
+
+
+def test_table_says_what_the_cells_measured(grid):
+    markdown = write_table(grid, "A title", [{"points": 64, "group": 16, "accuracy": 99.3}])
+    assert (grid / "table.md").read_text() == markdown
+    assert markdown.startswith("# A title\n")
+    cells = [cell for cell in read_cells(grid) if cell["status"] == "done"]
+    pair = [
+        cell["results"]["best"]["test_accuracy"]
+        for cell in cells
+        if cell["settings"]["preprocess"]["group_size"] == 16 and cell["settings"]["protocol"]["learning_rate"] == 0.002
+    ]
+    assert len(pair) == 2
+    row = next(line for line in markdown.splitlines() if "groups of 16" in line and "0.002" in line).split(" | ")
+    assert row[:6] == ["pec", "64", "groups of 16", "honest", "1", "2"]
+    assert row[6] == f"{100 * fmean(pair):.2f} ± {100 * stdev(pair):.2f}"
+    low, high = wilson_interval(fmean(pair), cells[0]["results"]["n_samples"]["test"])
+    assert row[7] == f"{100 * low:.1f}–{100 * high:.1f}"
+    assert row[10] == "99.3"
+    assert row[-1] == "protocol.learning_rate=0.002"
+    assert "groups of 7, honest, seed 0: ConfigError: preprocess.group_size 7 does not divide" in markdown
+
+
+def test_csv_and_json_have_a_line_a_cell(grid):
+    write_table(grid, "A title", [{"points": 64, "group": 4, "accuracy": 93}])
+    with (grid / "table.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert sorted(int(line["seed"]) for line in lines) == [0, 0, 0, 1]
+    assert {line["published"] for line in lines if line["order"] == "groups of 4"} == {"0.93"}
+    for line in lines:
+        n, share = int(line["n_test"]), float(line["test_accuracy"])
+        assert float(line["wilson_low"]) == pytest.approx(wilson_interval(share, n)[0])
+        assert json.loads(line["settings"])["protocol"]["epochs"] == int(line["epochs"]) == 1
+    rows = json.loads((grid / "results.json").read_text())["rows"]
+    assert sum(len(row["seeds"]) for row in rows) == len(lines)
+    assert [len(row["missing"]) for row in rows if row["settings"]["preprocess"]["group_size"] == 7] == [1]
+
+
+def test_plots_are_drawn_where_there_is_something_to_compare(grid):
+    write_table(grid, "A title", [{"points": 64, "group": None, "accuracy": 80}])
+    names = {path.stem for path in grid.glob("*.svg")}
+    curves = {"learning_curves_selection_accuracy", "learning_curves_train_loss"}
+    assert names == {"accuracy_by_group_size", "accuracy_by_latency"} | curves
+    text = (grid / "accuracy_by_group_size.svg").read_text()
+    assert "dissertation, 64 points" in text
+
+
+def test_table_of_another_code_is_empty(grid, tmp_path):
+    folder = shutil.copytree(grid, tmp_path / "grid")
+    for path in folder.glob("cells/*/cell.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"code": "older"}))
+    assert read_cells(folder) == []
+    assert "pec" not in write_table(folder, "A title", []).replace("A title", "").splitlines()[4]
+
+
+NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
+
+
+@given(
+    st.dictionaries(
+        st.text(min_size=1, max_size=8, alphabet="ab<&µ"),
+        st.lists(st.tuples(st.floats(1e-3, 1e5), NUMBERS), min_size=1, max_size=5),
+        min_size=1,
+        max_size=4,
+    ),
+    st.booleans(),
+)
+def test_every_point_lies_inside_its_chart(series, logarithmic):
+    root = ElementTree.fromstring(chart(series, x_label="a < b", y_label="y", logarithmic=logarithmic))
+    circles = root.findall("{http://www.w3.org/2000/svg}circle")
+    assert len(circles) == sum(len(points) for points in series.values())
+    for circle in circles:
+        assert 64 <= float(circle.get("cx")) <= 64 + 420
+        assert 16 - 0.1 <= float(circle.get("cy")) <= 16 + 280 + 0.1
+
+
+def test_chart_of_nothing_is_an_error():
+    with pytest.raises(ValueError, match="at least one finite point"):
+        chart({"a": [(1.0, float("nan"))]}, x_label="x", y_label="y")
+
+
+@pytest.fixture(scope="module")
+def launched(tmp_path_factory):
+    return tmp_path_factory.mktemp("launched")
+
+
+# In this order: each finds the cells of those before done.
+@pytest.mark.parametrize(
+    ("launcher", "seeds", "options"),
+    [
+        ("basic", "0,1", []),
+        ("joblib", "1,2", ["hydra.launcher.n_jobs=2"]),
+        ("submitit_local", "2,3", []),
+    ],
+)
+def test_hydra_launches_the_grid(launcher, seeds, options, launched, shapes):
+    if launcher != "basic":
+        pytest.importorskip("hydra_plugins.hydra_" + launcher.split("_")[0] + "_launcher")
+    before = {path: path.stat().st_mtime_ns for path in launched.glob("cells/*/last/model.safetensors")}
+    command = [sys.executable, str(ROOT / "scripts" / "ablate.py"), "experiment=table_4_2", f"folder={launched}"]
+    command += [f"dataset.path={shapes}", "dataset.samples_per_instance=10", "protocol=published", "protocol.epochs=1"]
+    command += ["preprocess=none", f"seed={seeds}", "cache=null", "progress=false", f"hydra/launcher={launcher}"]
+    done = subprocess.run([*command, *options], cwd=launched, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    cells = [json.loads(path.read_text()) for path in launched.glob("cells/*/cell.json")]
+    seen = {cell["settings"]["seed"] for cell in cells if cell["status"] == "done"}
+    assert seen == set(range(int(seeds[-1]) + 1))
+    assert all(path.stat().st_mtime_ns == time for path, time in before.items())
+    row = next(line for line in done.stdout.splitlines() if line.startswith("pec |")).split(" | ")
+    assert row[:6] == ["pec", "64", "no grouping", "published", "1", str(len(seen))]
+    assert row[10] == "83.9"
