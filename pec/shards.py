@@ -184,7 +184,7 @@ def read_shard(path: str | os.PathLike[str], record: ShardRecord | None = None, 
         data = np.asarray(np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8))
     except ValueError as error:  # an empty file cannot be mapped
         raise DatasetError(f"shard {path} is damaged: {error}; {_WAY_OUT}") from error
-    if record is not None and hashlib.sha256(data).hexdigest() != record.sha256:
+    if record is not None and hashlib.sha256(data.data).hexdigest() != record.sha256:
         raise DatasetError(
             f"shard {path} is not the file that the manifest lists: its sha256 differs, so it was damaged or changed; "
             f"{_WAY_OUT}"
@@ -223,9 +223,9 @@ def _tensors(data: np.ndarray) -> dict[str, np.ndarray]:
     return tensors
 
 
-def write_manifest(directory: str | os.PathLike[str], manifest: Manifest) -> Path:
-    """Write DIR/manifest.json atomically and return its path."""
-    path = Path(directory) / MANIFEST_NAME
+def write_manifest(directory: str | os.PathLike[str], manifest: Manifest, name: str = MANIFEST_NAME) -> Path:
+    """Write DIR/manifest.json, or DIR/`name`, atomically and return its path."""
+    path = Path(directory) / name
     write_json(path, asdict(manifest))
     return path
 
@@ -235,14 +235,17 @@ def write_json(path: str | os.PathLike[str], content: Any, indent: int | None = 
     _write_atomically(Path(path), (json.dumps(content, indent=indent) + "\n").encode())
 
 
-def read_manifest(directory: str | os.PathLike[str]) -> Manifest:
-    """Read and check DIR/manifest.json.
+def read_manifest(directory: str | os.PathLike[str], name: str = MANIFEST_NAME) -> Manifest:
+    """Read and check DIR/manifest.json, or DIR/`name`.
 
     Raises DatasetError where it is missing, is not JSON, lacks a field or has another schema version.
     """
-    path = Path(directory) / MANIFEST_NAME
+    path = Path(directory) / name
     if not path.is_file():
-        raise DatasetError(f"no data set in {directory}: {MANIFEST_NAME} does not exist")
+        hint = ""
+        if list(Path(directory).glob(MANIFEST_NAME.replace(".json", ".*of*.json"))):
+            hint = "; jobs have made parts of it, which the same command without shard= merges"
+        raise DatasetError(f"no data set in {directory}: {name} does not exist{hint}")
     try:
         content = json.loads(path.read_text())
         version = content["schema_version"]
@@ -265,8 +268,12 @@ def _made_by(content: dict[str, Any]) -> str:
 def _write_atomically(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".tmp")
-    with temporary.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())  # a rename that outlives a power cut must not point to an empty file
-    os.replace(temporary, path)
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())  # a rename that outlives a power cut must not point to an empty file
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)  # on a full disk every byte counts
+        raise OSError(error.errno, error.strerror, str(path)) from error

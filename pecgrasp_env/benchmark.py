@@ -135,7 +135,7 @@ def generation(settings: Mapping[str, Any]) -> list[Row]:
             start_up.setdefault(name, []).append(first - begin)
         seconds.setdefault("ManiSkill, a step a cloud", []).append(stepped())
     times = {name: Timing(float(np.median(each)), float("nan")) for name, each in seconds.items()}
-    what = f"{config.resolution}, {per_instance * 2 * len(LARS_CLASSES)} clouds"
+    what = f"{config.resolutions[0]}, {per_instance * 2 * len(LARS_CLASSES)} clouds"
     rows = rows_of(times, "ManiSkill, a step a cloud", what, rate="clouds/s")
     return [row | {"first_shard_s": float(np.median(start_up.get(row["name"], [0.0])))} for row in rows]
 

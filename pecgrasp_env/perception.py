@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from grasping import ROBOTIQ_2F_140, Segmenter
+from grasping import ROBOTIQ_2F_140, Scene, Segmenter
 from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinematics
 from pecgrasp_env.sensor import CameraIntrinsics, deproject
 
@@ -114,12 +114,17 @@ def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
     return (np.abs(p[..., 0]) < half_hinge) & (np.abs(p[..., 1]) < half_closing) & (p[..., 2] > 0) & (p[..., 2] < tip)
 
 
-def look(percept: Percept, segmenter: Segmenter) -> View:
-    """The objects in one picture."""
+def cut_out(percept: Percept, segmenter: Segmenter) -> Scene:
+    """The objects in one picture, camera frame; `indices` are those of the picture's pixels, row by row."""
     cloud = deproject(percept.depth, percept.intrinsics)
     cloud[gripper_mask(cloud, percept.opening)] = np.nan
+    return segmenter.segment(cloud, up=percept.T_base_camera[:3, :3].T @ UP)
+
+
+def look(percept: Percept, segmenter: Segmenter) -> View:
+    """The objects in one picture."""
+    scene = cut_out(percept, segmenter)
     T = percept.T_base_camera
-    scene = segmenter.segment(cloud, up=T[:3, :3].T @ UP)
     objects = [
         SeenObject(_moved(T, points), bool(border))
         for points, border in zip(scene.objects, scene.touches_border, strict=True)

@@ -156,7 +156,17 @@ def lay_out(models: Sequence[ObjectModel], rng: np.random.Generator, region: Reg
     Raises:
         PlacementError: an object never comes to rest, or the objects do not fit.
     """
-    resting = _drop_each(models, rng)
+    return arrange(models, _drop_each(models, rng), rng, region, clearance)
+
+
+def arrange(
+    models: Sequence[ObjectModel], resting: np.ndarray, rng: np.random.Generator, region: Region, clearance: float
+) -> np.ndarray:
+    """The same for objects whose resting poses (n, 7) are known: turned about the vertical and shifted.
+
+    Raises:
+        PlacementError: the objects do not fit.
+    """
     outlines = [_outline(model, pose) for model, pose in zip(models, resting, strict=True)]
     for _ in range(_LAYOUTS):
         placed: list[np.ndarray] = []

@@ -14,6 +14,7 @@ TABLE_X = (-0.30, 0.95)
 TABLE_Y = (-0.65, 0.65)
 _THICKNESS = 0.04
 _HEIGHT = 0.75
+FLOOR_Z = -_HEIGHT
 _LEG = 0.05
 
 _TOP_COLOR = (0.80, 0.76, 0.69, 1.0)
@@ -39,7 +40,7 @@ def build_table(scene: ManiSkillScene) -> Actor:
 
 def build_floor(scene: ManiSkillScene) -> Actor:
     """The floor of the room: drawn and solid, so that what falls off the table stays in sight."""
-    pose = sapien.Pose([0, 0, -_HEIGHT - 0.05])
+    pose = sapien.Pose([0, 0, FLOOR_Z - 0.05])
     builder = scene.create_actor_builder()
     builder.add_box_collision(pose=pose, half_size=[40, 40, 0.05])
     builder.add_box_visual(pose=pose, half_size=[40, 40, 0.05], material=_matt(_FLOOR_COLOR))

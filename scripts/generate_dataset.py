@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from pec.errors import DatasetError
-from pecgrasp_env.capture import CaptureConfig, CaptureError, generate, summarise
+from pecgrasp_env.capture import CaptureConfig, CaptureError, Part, generate, summarise
 from pecgrasp_env.objects import ObjectError
 from pecgrasp_env.sensor import SensorError
 
@@ -17,6 +17,7 @@ from pecgrasp_env.sensor import SensorError
 def main(cfg: DictConfig) -> None:
     try:
         config = CaptureConfig.from_settings(OmegaConf.to_container(cfg, resolve=True))
+        part = None if cfg.shard is None else Part.parse(cfg.shard)
         with tqdm(unit="cloud", disable=not cfg.progress) as bar:
 
             def progress(done: int, total: int) -> None:
@@ -25,23 +26,31 @@ def main(cfg: DictConfig) -> None:
                     bar.initial = done  # what was there already counts neither as work nor in the time left
                 bar.update(done - bar.n)
 
-            generation = generate(config, cfg.out, workers=cfg.workers, progress=progress)
+            generation = generate(
+                config, cfg.out, workers=cfg.workers, on_error=cfg.on_error, part=part, progress=progress
+            )
         summary = summarise(generation)
     except (CaptureError, DatasetError, ObjectError, SensorError) as error:
         sys.exit(f"generate_dataset: {error}")
     except KeyboardInterrupt:
         print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
         sys.exit(130)
-    (generation.directory / "results.json").write_text(json.dumps(summary, indent=1) + "\n")
+    name = "results.json" if part is None else f"results.{part.index}of{part.count}.json"
+    (generation.directory / name).write_text(json.dumps(summary, indent=1) + "\n")
     print(
         f"{'class':18}{'instances':>10}{'clouds':>8}{'points: 5 %':>13}{'median':>8}{'95 %':>7}{'median depth m':>16}"
     )
     for row in summary["classes"]:
+        if not row["clouds"]:
+            print(f"{row['class']:18}{row['instances']:>10}{0:>8}")
+            continue
         print(
             f"{row['class']:18}{row['instances']:>10}{row['clouds']:>8}{row['points'][0]:>13}{row['points'][1]:>8}"
             f"{row['points'][2]:>7}{row['median_depth_m']:>16.2f}"
         )
     print(f"draws that were not kept: {summary['rejected']}")
+    for instance, why in summary["skipped"].items():
+        print(f"skipped {instance}: {why}")
     print(f"{summary['new_clouds']} new clouds in {summary['seconds']} s ({summary['clouds_per_second']} clouds/s)")
     print(f"data set: {generation.directory}")
 

@@ -2,6 +2,16 @@
 
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig
 from pecgrasp_env.capture.generate import Generation, generate
+from pecgrasp_env.capture.plan import Part
 from pecgrasp_env.capture.summary import summarise
 
-__all__ = ["CaptureConfig", "CaptureError", "Generation", "ObjectsConfig", "TabletopConfig", "generate", "summarise"]
+__all__ = [
+    "CaptureConfig",
+    "CaptureError",
+    "Generation",
+    "ObjectsConfig",
+    "Part",
+    "TabletopConfig",
+    "generate",
+    "summarise",
+]

@@ -1,32 +1,41 @@
-"""From a configuration to a data set on disk: sharded, resumable, the same bytes from any number of processes.
+"""From a configuration to a data set on disk: sharded, resumable, the same bytes from any number of processes and jobs.
 
-A shard is a fixed range of one instance's samples, decided by the configuration alone, and every sample draws from its
-own seed. So it does not matter which process makes which shard, in which order, or how often the run was stopped in
-between: whatever the manifest lists is whole, and the rest is made when the same command is given again.
+A shard is a fixed range of the samples of an instance, or of those that share a table, decided by the configuration
+alone, and every sample draws from its own seed. So it does not matter which process makes which shard, in which order,
+or how often the run was stopped in between: whatever a manifest lists is whole, and the rest is made when the same
+command is given again.
+
+Jobs that share the work (`part`) each write their shards into the same folder, or into copies of it that are laid over
+each other later, and list them in a manifest of their own. The same command without `part` merges: it takes over what
+those manifests list, makes what is missing, and leaves the one manifest that a single run would have left.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
-import importlib.metadata
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
-from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pec.clouds import CloudDataset
 from pec.errors import DatasetError
-from pec.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest, shard_name, write_manifest
+from pec.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest, read_shard, shard_name, write_manifest
+from pec.splits import write_splits
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.workers import ShardJob, make_shards, open_source
+from pecgrasp_env.capture.plan import Part, plan
+from pecgrasp_env.capture.workers import make_shards
 
 __all__ = ["Generation", "generate"]
 
-_PACKAGES = ("pecgrasp", "sapien", "numpy", "scipy")
-"""What decides the bytes of a sample."""
+_PARTS = MANIFEST_NAME.replace(".json", ".*of*.json")
 
 
 @dataclass(frozen=True)
@@ -35,12 +44,15 @@ class Generation:
 
     directory: Path
     n_samples: int
-    """Samples in the data set."""
+    """Samples of the data set that are there, those of other jobs included."""
     n_new: int
     """Those that this call made; the others were there."""
     rejected: dict[str, int]
-    """Draws that were not kept, by reason, over the whole data set."""
+    """Draws that were not kept, by reason, over all that is there."""
+    skipped: dict[str, str]
+    """Instances that could not be captured, and why."""
     seconds: float
+    manifest: Manifest
 
 
 def generate(
@@ -48,90 +60,125 @@ def generate(
     directory: str | os.PathLike[str],
     *,
     workers: int = 2,
+    on_error: str = "stop",
+    part: Part | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Generation:
     """Make the data set that `config` describes in `directory`, or what is missing of it.
 
-    workers: processes that render; 1 renders in this process. progress(done, total), in samples, is called once at the
-    start and after each shard.
+    workers: processes that render; 1 renders in this process. on_error: "stop" at an object that cannot be captured, or
+    "skip" it, and say so in the manifest. part: make only this part of the shards. progress(done, total), in samples,
+    is called once at the start and after each shard.
     Raises CaptureError (an object that cannot be captured, a disk that cannot be written), ObjectError (unknown class,
     broken mesh), and DatasetError where `directory` holds another data set. After any of them, Ctrl-C or kill -9, the
     same call goes on where it stopped.
     """
     if workers < 1:
         raise CaptureError(f"workers must be at least 1, got {workers}")
+    if on_error not in ("stop", "skip"):
+        raise CaptureError(f"on_error must be stop or skip, got {on_error!r}")
     directory = Path(directory)
     started = time.monotonic()
-    planned, jobs = _plan(config)
-    manifest = _resume(directory, planned)
-    instances = {(instance["class"], instance["name"]): instance for instance in manifest.instances}
-    done = {record.file: record for record in manifest.shards}
-    missing = [job for job in jobs if shard_name(job.index) not in done]
-    total = sum(job.count for job in jobs)
+    planned, jobs = plan(config)
+    there = _merged(directory, planned, on_error)
+    instances = {_key(instance): instance for instance in there.instances}
+    done = {record.file: record for record in there.shards}
+    mine = list(jobs) if part is None else list(part.of(jobs))
+    names = {shard_name(job.index) for job in mine}
+    missing = [job for job in mine if shard_name(job.index) not in done]
+    total = sum(job.n_samples for job in mine)
     n_new = 0
     if progress:
-        progress(total - sum(job.count for job in missing), total)
-    with closing(make_shards(config, directory, missing, workers)) as results:
-        for record, instance in results:
-            key = instance["class"], instance["name"]
-            known = instances[key]
-            if known.get("mesh_sha256", instance["mesh_sha256"]) != instance["mesh_sha256"]:
-                raise DatasetError(
-                    f"{directory} holds clouds of another {instance['name']}: its mesh has changed since. "
-                    "Give another out=, or remove that folder"
-                )
-            instances[key] = instance
+        progress(total - sum(job.n_samples for job in missing), total)
+
+    def listed() -> Manifest:
+        """The manifest of the whole, or of this part, as far as it has come."""
+        shards = sorted((r for r in done.values() if r.file in names), key=lambda record: record.file)
+        return replace(there, instances=list(instances.values()), shards=shards, complete=False)
+
+    manifest_name = MANIFEST_NAME if part is None else part.manifest_name
+    with _writing(directory), closing(make_shards(config, directory, missing, workers, on_error)) as results:
+        for record, entries in results:
+            for entry in entries:
+                _add_instance(instances, entry, directory)
             done[record.file] = record
             n_new += record.n_samples
-            shards = sorted(done.values(), key=lambda r: r.file)
-            manifest = replace(manifest, instances=list(instances.values()), shards=shards)
-            write_manifest(directory, manifest)
+            write_manifest(directory, listed(), manifest_name)
+            missing_of_mine = sum(job.n_samples for job in mine if shard_name(job.index) not in done)
             if progress:
-                progress(sum(r.n_samples for r in done.values()), total)
-    if not manifest.complete:
-        manifest = replace(manifest, complete=True)
-        write_manifest(directory, manifest)
+                progress(total - missing_of_mine, total)
+    with _writing(directory):
+        manifest = _finish(directory, listed()) if part is None else listed()
+        if part is not None:
+            write_manifest(directory, manifest, manifest_name)
     rejected = sum((Counter(record.rejected) for record in manifest.shards), Counter[str]())
-    return Generation(directory, total, n_new, dict(rejected.most_common()), time.monotonic() - started)
+    skipped = {name: why for record in manifest.shards for name, why in record.skipped.items()}
+    n_samples = sum(record.n_samples for record in manifest.shards)
+    seconds = time.monotonic() - started
+    return Generation(directory, n_samples, n_new, dict(rejected.most_common()), skipped, seconds, manifest)
 
 
-def _plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
-    """The empty manifest of the data set and all its shards."""
-    source = open_source(config)
-    instances: list[dict[str, Any]] = []
-    jobs: list[ShardJob] = []
-    for class_index, class_name in enumerate(source.classes):
-        for number, name in enumerate(source.names(class_name)[: config.objects.instances_per_class]):
-            instances.append({"name": name, "class": class_name})
-            for first in range(0, config.samples_per_instance, config.shard_size):
-                count = min(config.shard_size, config.samples_per_instance - first)
-                jobs.append(ShardJob(len(jobs), class_index, len(instances) - 1, number, first, count))
-    versions = {package: importlib.metadata.version(package) for package in _PACKAGES}
-    cameras = [{"name": config.resolution, **asdict(config.intrinsics)}]
-    return Manifest(list(source.classes), instances, cameras, config.described(), config.seed, versions), jobs
+def _finish(directory: Path, manifest: Manifest) -> Manifest:
+    """Writes the splits, then says that the data set is complete, then removes the parts' manifests."""
+    complete = replace(manifest, complete=True)
+    path = directory / MANIFEST_NAME
+    if not path.is_file() or read_manifest(directory) != complete:
+        shards = [read_shard(directory / record.file, mapped=False) for record in manifest.shards]
+        labels = np.concatenate([shard.class_index for shard in shards]).astype(np.int64)
+        belong = np.concatenate([shard.instance_index for shard in shards]).astype(np.int64)
+        write_splits(directory, CloudDataset(manifest.classes, [], labels, belong, ""), manifest.seed)
+        write_manifest(directory, complete)
+    for path in directory.glob(_PARTS):
+        path.unlink()
+    return complete
 
 
-def _resume(directory: Path, planned: Manifest) -> Manifest:
-    """`planned` with the shards that are already there and sound."""
-    if not (directory / MANIFEST_NAME).is_file():
-        return planned
-    found = read_manifest(directory)
+def _merged(directory: Path, planned: Manifest, on_error: str) -> Manifest:
+    """`planned` with the sound shards that the manifests in `directory` list."""
+    instances = {_key(instance): instance for instance in planned.instances}
+    records: dict[str, ShardRecord] = {}
+    for path in [directory / MANIFEST_NAME, *sorted(directory.glob(_PARTS))]:
+        if not path.is_file():
+            continue
+        found = read_manifest(directory, path.name)
+        _check_same(path, found, planned)
+        for instance in found.instances:
+            _add_instance(instances, instance, directory)
+        # Who does not want objects to be skipped wants those tried again that were.
+        records |= {record.file: record for record in found.shards if on_error == "skip" or not record.skipped}
+    sound = [record for record in records.values() if _is_sound(directory / record.file, record)]
+    return replace(planned, instances=list(instances.values()), shards=sound)
+
+
+def _add_instance(instances: dict[tuple[str, str], dict[str, Any]], entry: dict[str, Any], directory: Path) -> None:
+    """Takes over what a shard's maker says of an instance. Raises DatasetError where its mesh has changed."""
+    known = instances[_key(entry)]
+    if "mesh_sha256" not in entry:
+        return
+    if known.get("mesh_sha256", entry["mesh_sha256"]) != entry["mesh_sha256"]:
+        raise DatasetError(
+            f"{directory} holds clouds of another {entry['name']}: its mesh has changed since. "
+            "Give another out=, or remove that folder"
+        )
+    instances[_key(entry)] = entry
+
+
+def _key(instance: Mapping[str, Any]) -> tuple[str, str]:
+    return instance["class"], instance["name"]
+
+
+def _check_same(path: Path, found: Manifest, planned: Manifest) -> None:
     pairs = [
-        (name, getattr(found, name), getattr(planned, name)) for name in ("config", "seed", "classes", "generator")
+        (name, getattr(found, name), getattr(planned, name))
+        for name in ("config", "seed", "classes", "cameras", "generator")
     ]
-    pairs.append(("instances", _names(found), _names(planned)))
+    pairs.append(("instances", [_key(i) for i in found.instances], [_key(i) for i in planned.instances]))
     for name, there, wanted in pairs:
         if there != wanted:
             raise DatasetError(
-                f"{directory} holds another data set: {_difference(name, there, wanted)}. "
+                f"{path} is of another data set: {_difference(name, there, wanted)}. "
                 "Give another out=, or remove that folder"
             )
-    sound = [record for record in found.shards if _is_sound(directory / record.file, record)]
-    return replace(found, shards=sound, complete=found.complete and len(sound) == len(found.shards))
-
-
-def _names(manifest: Manifest) -> list[str]:
-    return [instance["name"] for instance in manifest.instances]
 
 
 def _difference(name: str, there: Any, wanted: Any) -> str:
@@ -144,3 +191,18 @@ def _difference(name: str, there: Any, wanted: Any) -> str:
 
 def _is_sound(path: Path, record: ShardRecord) -> bool:
     return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == record.sha256
+
+
+@contextmanager
+def _writing(directory: Path) -> Iterator[None]:
+    """Turns the operating system's errors into one that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            where = error.filename or directory
+            raise CaptureError(
+                f"the disk is full: {where} could not be written. Free some space; what is whole in {directory} is "
+                "kept, and the same command goes on"
+            ) from error
+        raise CaptureError(f"cannot write the data set in {directory}: {error}; the same command goes on") from error

@@ -1,32 +1,51 @@
-"""One sample: its seed, and drawing until a pose gives a cloud."""
+"""What a scenario takes and gives, and the seeds that decide its draws."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from pec.shards import CloudSample
-from pecgrasp_env.capture.config import CaptureError
+from pecgrasp_env.capture.config import CaptureConfig
+from pecgrasp_env.sensor import CameraIntrinsics, apply_d435, apply_ideal
 
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel
 
-__all__ = ["Scenario", "draw_sample", "random_rotation", "rotation_matrix", "sample_seed"]
+__all__ = ["Captured", "Scenario", "Subject", "measure", "random_rotation", "rotation_matrix", "sample_seed"]
 
-_MOST_DRAWS = 2000
-"""Draws for one sample before the object is given up: an object that fits is accepted once in a few draws."""
+
+@dataclass(frozen=True)
+class Subject:
+    """An object to be captured, and its indices in the manifest."""
+
+    model: ObjectModel
+    class_index: int
+    instance_index: int
+
+
+@dataclass
+class Captured:
+    """What a scenario made of its subjects.
+
+    samples: in the order of the subjects, each subject's in the order of their making. rejected: draws that gave no
+    sample, by reason. given_up: why a subject could not be captured, by the name of its instance; it has no samples.
+    """
+
+    samples: list[CloudSample] = field(default_factory=list)
+    rejected: Counter[str] = field(default_factory=Counter)
+    given_up: dict[str, str] = field(default_factory=dict)
 
 
 class Scenario(Protocol):
-    """A way to bring an object before the camera."""
+    """A way to bring objects before the camera."""
 
-    def show(self, model: ObjectModel) -> None:
-        """Make `model` the object that is captured. Raises CaptureError where it cannot fit into the view."""
-
-    def attempt(self, rng: np.random.Generator) -> tuple[np.ndarray | None, np.ndarray, str]:
-        """Draw a pose and take a frame: the cloud (N, 3) in the camera frame, m, or None; T_camera_object; why None."""
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
+        """Samples `first` to `first + count` of each subject; the same whatever was captured before."""
 
 
 def sample_seed(seed: int, class_name: str, instance: str, sample: int) -> int:
@@ -35,26 +54,13 @@ def sample_seed(seed: int, class_name: str, instance: str, sample: int) -> int:
     return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def draw_sample(
-    scenario: Scenario, class_index: int, instance_index: int, seed: int, rejected: Counter[str]
-) -> CloudSample:
-    """One labelled cloud of the object that is shown; `seed` decides all of it, `rejected` counts the draws not kept.
-
-    Raises CaptureError where no draw gives a cloud.
-    """
-    rng = np.random.default_rng(seed)
-    tried: Counter[str] = Counter()
-    for _ in range(_MOST_DRAWS):
-        points, pose, reason = scenario.attempt(rng)
-        if points is not None:
-            rejected.update(tried)
-            return CloudSample(points, class_index, instance_index, pose.astype(np.float32), seed)
-        tried[reason] += 1
-    reasons = ", ".join(f"{reason}: {count}" for reason, count in tried.most_common())
-    raise CaptureError(
-        f"none of {_MOST_DRAWS} poses gave a cloud ({reasons}); a smaller min_points, a higher resolution or a smaller "
-        "distance helps small objects"
-    )
+def measure(
+    config: CaptureConfig, depth: np.ndarray, intrinsics: CameraIntrinsics, rng: np.random.Generator
+) -> np.ndarray:
+    """What the configured sensor makes of an exact depth image (H, W), m."""
+    if config.sensor == "d435":
+        return apply_d435(depth, intrinsics, rng, config.noise)
+    return apply_ideal(depth, intrinsics)
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:

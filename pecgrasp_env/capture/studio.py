@@ -1,7 +1,8 @@
-"""A SAPIEN scene that holds one object and photographs its depth: no physics, no lights, nothing else to draw."""
+"""A SAPIEN scene that photographs the depth of single objects: no physics, no lights, nothing else to draw."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,101 +10,115 @@ import numpy as np
 import sapien
 from scipy.spatial import ConvexHull
 
-from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.sensor import CameraIntrinsics, apply_d435, apply_ideal
+from pecgrasp_env.capture.config import CaptureError
+from pecgrasp_env.sensor import CameraIntrinsics
 from pecgrasp_env.sensor.rendering import SAPIEN_FROM_OPENCV, add_depth_camera, set_intrinsics, take_depth
 
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel
 
-__all__ = ["DepthStudio", "Frame"]
+__all__ = ["DepthStudio", "Extent", "Frame"]
 
 _SIDES = (32, 64, 96, 128, 192, 256, 384, 512, 768)
 """Widths and heights of windows, pixels: few enough to keep a camera for each, close enough to waste little."""
 
+_SMALLEST = 0.005  # m
+
+_OUT_OF_SIGHT = sapien.Pose([-1e3, 0.0, 0.0])
+"""Behind the camera, which stands at the scene's origin."""
+
 
 @dataclass(frozen=True)
 class Frame:
-    """The part of a depth image that holds the object."""
+    """The part of a depth image that holds an object."""
 
     depth: np.ndarray
     """(h, w) float32 metres, exact; 0 where the object is not."""
     intrinsics: CameraIntrinsics
 
 
+@dataclass(frozen=True)
+class Extent:
+    """Where an object at some pose would appear."""
+
+    low: np.ndarray
+    """(2,) smallest column and row of the image plane, pixels."""
+    high: np.ndarray
+    """(2,) largest column and row, pixels."""
+    nearest: float
+    """Least depth, metres."""
+
+    def within(self, camera: CameraIntrinsics) -> bool:
+        """Whether all of it is in the image."""
+        return bool(self.low.min() >= 0 and self.high[0] <= camera.width and self.high[1] <= camera.height)
+
+
 class DepthStudio:
-    """Photographs one object at a time with the depth camera of a configuration.
+    """Photographs one object at a time with any depth camera.
 
     An empty scene shows nothing but the object, so only the window around it is drawn: a camera whose principal point
     is shifted by whole pixels sees the very rays of the full image. The picture is the same and several times faster.
     """
 
-    def __init__(self, config: CaptureConfig) -> None:
-        self.intrinsics = config.intrinsics
-        self._config = config
+    def __init__(self, largest: float) -> None:
+        """largest: m, the longest side that an object may have."""
+        self._largest = largest
         # SAPIEN's scene asks for a physics system when it ends; it is never stepped.
         self._scene = sapien.Scene([sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem()])
         self._cameras: dict[tuple[int, int], sapien.render.RenderCameraComponent] = {}
-        self._entity: sapien.Entity | None = None
-        self._outline = np.zeros((0, 3))
+        self._models: list[ObjectModel] = []
+        self._entities: list[sapien.Entity] = []
+        self._outlines: list[np.ndarray] = []
 
-    def show(self, model: ObjectModel) -> None:
-        """Put `model` into the scene in place of the object that was there.
-
-        Raises CaptureError where it is too large or too small to be captured.
-        """
-        vertices = np.concatenate([part.vertices for part in model.parts]).astype(np.float64)
-        size, largest = float(np.ptp(vertices, axis=0).max()), self._config.max_depth
-        if not 0.005 <= size <= largest:
+    def check(self, model: ObjectModel) -> None:
+        """Raises CaptureError where an object is too large or too small to be captured."""
+        size = float(model.extents.max())
+        if not _SMALLEST <= size <= self._largest:
             raise CaptureError(
-                f"{model.instance} is {size:.4g} m long; from 0.005 m up to max_depth {largest} m is possible. Is it "
+                f"{model.instance} is {size:.4g} m long; from {_SMALLEST} m up to {self._largest} m is possible. Is it "
                 "in other units? objects.scale=0.001 turns millimetres into metres"
             )
-        # The hull's corners project onto the corners of the silhouette: they decide what is in view.
-        self._outline = vertices[ConvexHull(vertices).vertices]
-        if self._entity is not None:
-            self._scene.remove_entity(self._entity)
-            sapien.render.clear_cache()  # SAPIEN keeps every mesh that it ever loaded
-        builder = model.add_to(self._scene.create_actor_builder(), collision=False)
-        self._entity = sapien.Entity()
-        self._entity.add_component(builder.build_render_component())
-        self._scene.add_entity(self._entity)
 
-    def photograph(self, T_camera_object: np.ndarray) -> tuple[Frame | None, str]:
-        """The object's exact depth at a pose (4, 4) in the OpenCV camera frame, or None and the reason.
+    def show(self, models: Sequence[ObjectModel]) -> None:
+        """Put `models` into the scene, in place of the objects that were there. Raises CaptureError as `check` does."""
+        if len(models) == len(self._models) and all(a is b for a, b in zip(models, self._models, strict=True)):
+            return
+        for model in models:
+            self.check(model)
+        for entity in self._entities:
+            self._scene.remove_entity(entity)
+        self._models, self._entities, self._outlines = list(models), [], []
+        sapien.render.clear_cache()  # SAPIEN keeps every mesh that it ever loaded
+        for model in models:
+            vertices = np.concatenate([part.vertices for part in model.parts]).astype(np.float64)
+            # The hull's corners project onto the corners of the silhouette: they decide what is in view.
+            self._outlines.append(vertices[ConvexHull(vertices).vertices])
+            builder = model.add_to(self._scene.create_actor_builder(), collision=False)
+            entity = sapien.Entity()
+            entity.add_component(builder.build_render_component())
+            entity.set_pose(_OUT_OF_SIGHT)
+            self._scene.add_entity(entity)
+            self._entities.append(entity)
 
-        Reasons: "too near" (nearer than the minimum depth), "out of view" (not wholly in the image), "too few points"
-        (not even its bounding rectangle has `min_points` pixels).
-        """
-        if self._entity is None:
-            raise RuntimeError("show() an object before photographing it")
-        camera = self.intrinsics
-        corners = self._outline @ T_camera_object[:3, :3].T + T_camera_object[:3, 3]
-        if corners[:, 2].min() < camera.min_depth:
-            return None, "too near"
+    def extent(self, index: int, T_camera_object: np.ndarray, camera: CameraIntrinsics) -> Extent:
+        """Where object `index` appears at a pose (4, 4) in the OpenCV camera frame; all of it before the camera."""
+        corners = self._outlines[index] @ T_camera_object[:3, :3].T + T_camera_object[:3, 3]
+        nearest = float(corners[:, 2].min())
+        if nearest <= 0:
+            return Extent(np.full(2, -np.inf), np.full(2, np.inf), nearest)
         pixels = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-        low, high = pixels.min(axis=0), pixels.max(axis=0)
-        if low.min() < 0 or high[0] > camera.width or high[1] > camera.height:
-            return None, "out of view"
-        if np.prod(high - low) < self._config.min_points:
-            return None, "too few points"
+        return Extent(pixels.min(axis=0), pixels.max(axis=0), nearest)
+
+    def photograph(self, index: int, T_camera_object: np.ndarray, camera: CameraIntrinsics, extent: Extent) -> Frame:
+        """The exact depth of object `index`, alone, in a window around what `extent` says of it."""
         pose = np.eye(4)
         pose[:3, :3] = SAPIEN_FROM_OPENCV @ T_camera_object[:3, :3]
         pose[:3, 3] = SAPIEN_FROM_OPENCV @ T_camera_object[:3, 3]
-        self._entity.set_pose(sapien.Pose(pose))
-        return self.draw(self.window(low, high)), ""
-
-    def window(self, low: np.ndarray, high: np.ndarray) -> CameraIntrinsics:
-        """The camera of the smallest window around the pixels from `low` to `high` (2,): column, row."""
-        full = self.intrinsics
-        # One more pixel on each side: what the noise model takes from neighbours must be there.
-        corner = np.floor(low).astype(int) - 1
-        size = np.ceil(high).astype(int) + 1 - corner
-        width = min(next((side for side in _SIDES if side >= size[0]), full.width), full.width)
-        height = min(next((side for side in _SIDES if side >= size[1]), full.height), full.height)
-        column = int(np.clip(corner[0], 0, full.width - width))
-        row = int(np.clip(corner[1], 0, full.height - height))
-        return full.window(column, row, width, height)
+        self._entities[index].set_pose(sapien.Pose(pose))
+        frame = self.draw(_window(camera, extent))
+        if len(self._entities) > 1:
+            self._entities[index].set_pose(_OUT_OF_SIGHT)
+        return frame
 
     def draw(self, window: CameraIntrinsics) -> Frame:
         """The scene as it is, through a window."""
@@ -115,8 +130,16 @@ class DepthStudio:
         self._scene.update_render()
         return Frame(take_depth(camera), window)
 
-    def measure(self, depth: np.ndarray, intrinsics: CameraIntrinsics, rng: np.random.Generator) -> np.ndarray:
-        """What the configured sensor makes of an exact depth image."""
-        if self._config.sensor == "d435":
-            return apply_d435(depth, intrinsics, rng, self._config.noise)
-        return apply_ideal(depth, intrinsics)
+
+def _window(camera: CameraIntrinsics, extent: Extent) -> CameraIntrinsics:
+    """The camera of the smallest window around the part of an extent that is in the image."""
+    full = np.array([camera.width, camera.height])
+    # One more pixel on each side: what the noise model takes from neighbours must be there.
+    corner = np.floor(np.clip(extent.low, 0, full)).astype(int) - 1
+    size = np.ceil(np.clip(extent.high, 0, full)).astype(int) + 1 - corner
+    width, height = (
+        min(next((side for side in _SIDES if side >= wanted), most), most)
+        for wanted, most in zip(size, full.tolist(), strict=True)
+    )
+    column, row = np.clip(corner, 0, full - (width, height)).tolist()
+    return camera.window(column, row, width, height)

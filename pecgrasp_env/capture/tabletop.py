@@ -1,34 +1,55 @@
-"""The `tabletop` scenario, what the robot sees: one object at rest on a table, looked down at by the wrist camera.
+"""The `tabletop` scenario, what the robot sees: objects at rest on its table, looked at from the policy's postures, and
+cut out of the picture by the segmentation that runs on the robot.
 
-The object lies as it comes to rest after a fall in a random orientation, turned at random about the vertical, anywhere
-in the picture. The camera stands 0.4 to 0.7 m from the table, straight above or tilted. The table is a plane, so its
-depth is computed, not drawn; the sensor sees both. What segmentation takes for table is cut off: the object's points
-within a few millimetres of the plane, the height drawn for each sample. The dissertation has no such set.
+A frame shows several objects, laid out as the task SelectiveGrasp-v1 lays them out: as they come to rest after a fall
+in a random orientation, turned about the vertical, anywhere in the task's region, apart. The wrist camera looks from
+one of the postures from which the policy looks. The table and the floor are planes, so their depth is computed, not
+drawn; the gripper is out of the camera's view. The sensor sees all of it at once, and `grasping.Segmenter` finds the
+objects, with whatever it loses or adds. Which object a cut-out is, the renderer says: it is labelled by the object that
+most of its points lie on, and thrown away where others have too large a share of it. The dissertation has no such set.
+
+Draws that are not kept, by reason: "out of view" (cut off by the image's border), "hidden" (more than `max_occlusion`
+of it), "not found" (no cut-out of it), "mixed" (`purity` below `min_purity`), "too few points", "fragment" (a further,
+smaller cut-out of the same object), "nothing" (a cut-out of no object), "no room" (a layout that did not fit).
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grasping import ROBOTIQ_2F_140, CloudError, Segmenter
+from pec.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.samples import rotation_matrix, sample_seed
+from pecgrasp_env.capture.samples import Captured, Subject, measure, rotation_matrix, sample_seed
 from pecgrasp_env.capture.studio import DepthStudio
-from pecgrasp_env.placement import settle
-from pecgrasp_env.sensor import CameraIntrinsics, deproject_mask
+from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
+from pecgrasp_env.perception import Percept, cut_out
+from pecgrasp_env.placement import PlacementError, arrange, settle
+from pecgrasp_env.selective_grasp import REGION
+from pecgrasp_env.views import look_postures
+from pecgrasp_env.workbench import FLOOR_Z, TABLE_X, TABLE_Y
 
 if TYPE_CHECKING:
-    from pecgrasp_env.objects import ObjectModel
+    from pecgrasp_env.sensor import CameraIntrinsics
 
-__all__ = ["TabletopScenario", "camera_above_table", "resting_poses", "table_depth"]
+__all__ = ["Table", "TabletopScenario", "background_depth", "resting_poses"]
 
 _DROP_HEIGHT = 0.02
 _SPACING = 1.0
+_MOST_FRAMES = 200
+"""Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
+_LARGEST = 0.45
+"""m; the segmenter calls nothing larger an object."""
 
 
 def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
-    """Poses (k, 4, 4) in which an object rests on the plane z = 0, as often as it falls into each of them.
+    """Poses (k, 7), position m and quaternion wxyz, in which an object rests on the plane z = 0, as often as it falls
+    into each of them.
 
     `drops` orientations, uniform on SO(3), fall side by side in one physics scene; those still in motion at the end are
     left out. x and y are 0. Raises CaptureError where none comes to rest.
@@ -41,80 +62,200 @@ def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
         starts[row] = row * _SPACING, 0.0, _DROP_HEIGHT - lowest, *(quaternion / np.linalg.norm(quaternion))
     ends, at_rest = settle([model] * drops, starts)
     if not at_rest.any():
-        raise CaptureError(f"{model.instance}: none of {drops} drops came to rest on the table")
-    poses = np.tile(np.eye(4), (int(at_rest.sum()), 1, 1))
-    for pose, end in zip(poses, ends[at_rest], strict=True):
-        pose[:3, :3] = rotation_matrix(end[3:])
-        pose[2, 3] = end[2]
+        raise CaptureError(f"none of {drops} drops came to rest on the table")
+    poses = ends[at_rest]
+    poses[:, :2] = 0
     return poses
 
 
-def camera_above_table(distance: float, tilt: float, azimuth: float) -> np.ndarray:
-    """T_camera_table (4, 4) of a camera that looks at the table's origin.
+def background_depth(T_base_camera: np.ndarray, camera: CameraIntrinsics) -> np.ndarray:
+    """(H, W) float32 m: depth of the table's top and, past its edges, of the floor; 0 where a ray meets neither."""
+    x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+    y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy)[:, None]
+    R, eye = T_base_camera[:3, :3], T_base_camera[:3, 3]
+    ray_x, ray_y, ray_z = (R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] for axis in range(3))
+    downward = ray_z < -1e-6
+    inverse = np.divide(-1.0, ray_z, out=np.zeros_like(ray_z), where=downward)
+    table = eye[2] * inverse
+    hit_x, hit_y = eye[0] + table * ray_x, eye[1] + table * ray_y
+    on_table = (hit_x > TABLE_X[0]) & (hit_x < TABLE_X[1]) & (hit_y > TABLE_Y[0]) & (hit_y < TABLE_Y[1])
+    return np.where(on_table, table, (eye[2] - FLOOR_Z) * inverse).astype(np.float32)
 
-    distance: m; tilt: angle of the optical axis from the vertical, rad; azimuth: of the camera about the vertical, rad.
-    Table frame: z up. With tilt and azimuth 0 the camera's x axis is the table's, its y axis opposite to the table's.
+
+@dataclass(frozen=True)
+class Table:
+    """Exact depth of a scene (H, W) m, and which object each pixel shows: (H, W) int16, 0 for none, else 1 + index.
+
+    occlusion: of each object the share that others hide; NaN where some of it is outside of the image.
     """
-    turn = np.array([[np.cos(azimuth), -np.sin(azimuth), 0], [np.sin(azimuth), np.cos(azimuth), 0], [0, 0, 1]])
-    c, s = np.cos(tilt), np.sin(tilt)
-    down = np.diag([1.0, -1.0, -1.0])
-    T = np.eye(4)
-    T[:3, :3] = np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ down @ turn
-    T[2, 3] = distance
-    return T
 
-
-def table_depth(T_camera_table: np.ndarray, intrinsics: CameraIntrinsics) -> np.ndarray:
-    """(H, W) float32 m: depth of the plane z = 0 of the table frame, 0 where a ray does not meet it."""
-    normal, offset = T_camera_table[:3, 2], T_camera_table[:3, 2] @ T_camera_table[:3, 3]
-    x = (np.arange(intrinsics.width) + 0.5 - intrinsics.cx) / intrinsics.fx
-    y = (np.arange(intrinsics.height) + 0.5 - intrinsics.cy) / intrinsics.fy
-    inverse = (normal[0] * x + normal[1] * y[:, None] + normal[2]) / offset
-    return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 1e-3).astype(np.float32)
+    depth: np.ndarray
+    owner: np.ndarray
+    occlusion: np.ndarray
 
 
 class TabletopScenario:
-    """One object at rest on a table, under a camera that looks down."""
+    """Several objects at a time on the robot's table, under its wrist camera."""
 
     def __init__(self, config: CaptureConfig) -> None:
         self._config = config
-        self._table = config.tabletop
-        self._studio = DepthStudio(config)
-        self._resting = np.zeros((0, 4, 4))
+        self._studio = DepthStudio(_LARGEST)
+        self._segmenter = Segmenter()
+        self._postures = look_postures()
+        self._resting: dict[tuple[str, str], np.ndarray] = {}
 
-    def show(self, model: ObjectModel) -> None:
-        self._studio.show(model)
-        self._resting = resting_poses(model, self._table.drops, self._config.seed)
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
+        captured = Captured()
+        kept: list[Subject] = []
+        for subject in subjects:
+            try:
+                self._studio.check(subject.model)
+                self._rest(subject.model)
+                kept.append(subject)
+            except CaptureError as error:
+                captured.given_up[subject.model.instance] = str(error)
+        if not kept:
+            return captured
+        # Frames are drawn from the names of those in the group and from the place of its samples in the data set.
+        key = "/".join(f"{s.model.class_name}:{s.model.instance}" for s in kept)
+        models = [subject.model for subject in kept]
+        models += self._distractors(np.random.default_rng(sample_seed(self._config.seed, "distractors", key, first)))
+        self._studio.show(models)
+        found: list[list[CloudSample]] = [[] for _ in kept]
+        barren = np.zeros(len(kept), int)
+        reasons: list[Counter[str]] = [Counter() for _ in kept]
+        frame = 0
+        while wanted := [i for i in range(len(kept)) if len(found[i]) < count and barren[i] < _MOST_FRAMES]:
+            seed = sample_seed(self._config.seed, f"frames from {first}", key, frame)
+            frame += 1
+            samples = self._frame(models, kept, seed, {i: reasons[i] for i in wanted}, captured.rejected)
+            for i in wanted:
+                barren[i] = 0 if i in samples else barren[i] + 1
+                if i in samples:
+                    found[i].append(samples[i])
+        for i, subject in enumerate(kept):
+            if len(found[i]) == count:
+                captured.samples += found[i]
+                captured.rejected += reasons[i]
+            else:
+                why = ", ".join(f"{reason}: {n}" for reason, n in reasons[i].most_common())
+                captured.given_up[subject.model.instance] = (
+                    f"{_MOST_FRAMES} frames in a row gave no cloud of it ({why}); a smaller min_points or a larger "
+                    "max_occlusion may help; what is below 8 mm or above 0.45 m is no object to the segmenter"
+                )
+        return captured
 
-    def attempt(self, rng: np.random.Generator) -> tuple[np.ndarray | None, np.ndarray, str]:
-        T_camera_table, pose = self._draw(rng)
-        frame, reason = self._studio.photograph(pose)
-        if frame is None:
-            return None, pose, reason
-        table = table_depth(T_camera_table, frame.intrinsics)
-        on_object = (frame.depth > 0) & ((frame.depth < table) | (table == 0))
-        depth = self._studio.measure(np.where(on_object, frame.depth, table), frame.intrinsics, rng)
-        points = deproject_mask(depth, on_object, frame.intrinsics)
-        height = (points - T_camera_table[:3, 3].astype(np.float32)) @ T_camera_table[:3, 2].astype(np.float32)
-        points = points[height > rng.uniform(*self._table.cut)]
-        if len(points) < self._config.min_points:
-            return None, pose, "too few points"
-        return points, pose, ""
+    def _frame(
+        self,
+        models: Sequence[ObjectModel],
+        subjects: Sequence[Subject],
+        seed: int,
+        reasons: Mapping[int, Counter[str]],
+        rejected: Counter[str],
+    ) -> dict[int, CloudSample]:
+        """One frame's samples of the subjects that `reasons` counts for; it counts why one of them gave none."""
+        config, rng = self._config, np.random.default_rng(seed)
+        samples: dict[int, CloudSample] = {}
+        number = int(rng.integers(len(config.cameras)))
+        posture = self._postures[number % len(self._postures)]
+        camera = config.intrinsics[number // len(self._postures)]
+        q = posture + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
+        drawn = np.stack([poses[rng.integers(len(poses))] for poses in map(self._rest, models)])
+        try:
+            placed = arrange(models, drawn, rng, REGION, config.tabletop.clearance)
+        except PlacementError:
+            for counter in reasons.values():
+                counter["no room"] += 1
+            return samples
+        percept = Percept(q, ROBOTIQ_2F_140.stroke, np.zeros(0), camera)
+        T_camera_base = np.linalg.inv(percept.T_base_camera)
+        poses = [T_camera_base @ _matrix(pose) for pose in placed]
+        table = self.compose(poses, percept.T_base_camera, camera)
+        depth = measure(config, table.depth, camera, rng)
+        try:
+            scene = cut_out(Percept(q, ROBOTIQ_2F_140.stroke, depth, camera), self._segmenter)
+        except CloudError:
+            for counter in reasons.values():
+                counter["not found"] += 1
+            return samples
+        best: dict[int, tuple[np.ndarray, float, bool]] = {}
+        for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
+            shares = np.bincount(table.owner.reshape(-1)[indices], minlength=len(models) + 1)[1:]
+            if not shares.any():
+                rejected["nothing"] += 1
+                continue
+            owner = int(shares.argmax())
+            if owner in best:
+                rejected["fragment"] += 1  # the largest comes first
+            else:
+                best[owner] = points, float(shares[owner] / shares.sum()), border
+        for i, counter in reasons.items():
+            occlusion, of_subject = float(table.occlusion[i]), (subjects[i].class_index, subjects[i].instance_index)
+            reason = self._reason(occlusion, best.get(i))
+            if reason is not None:
+                counter[reason] += 1
+                continue
+            points, purity, _ = best[i]
+            samples[i] = CloudSample(points, *of_subject, poses[i], seed, number, occlusion, purity)
+        return samples
 
-    def _draw(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """T_camera_table and T_camera_object, (4, 4) each."""
-        camera = self._studio.intrinsics
-        T_camera_table = camera_above_table(
-            rng.uniform(*self._table.distance), rng.uniform(0, self._table.max_tilt), rng.uniform(-np.pi, np.pi)
-        )
-        # A pixel at random, and the object where its ray meets the table.
-        pixel = rng.uniform((0, 0), (camera.width, camera.height))
-        ray = np.array([(pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0])
-        normal, origin = T_camera_table[:3, 2], T_camera_table[:3, 3]
-        place = ray * (normal @ origin) / (normal @ ray)
-        yaw = rng.uniform(-np.pi, np.pi)
-        turn = np.eye(4)
-        turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-        T_table_object = turn @ self._resting[rng.integers(len(self._resting))]
-        T_table_object[:3, 3] += T_camera_table[:3, :3].T @ (place - origin)
-        return T_camera_table, T_camera_table @ T_table_object
+    def _reason(self, occlusion: float, cut: tuple[np.ndarray, float, bool] | None) -> str | None:
+        """Why a subject gives no sample, or None where it gives one."""
+        if np.isnan(occlusion) or (cut is not None and cut[2]):
+            return "out of view"
+        if occlusion > self._config.max_occlusion:
+            return "hidden"
+        if cut is None:
+            return "not found"
+        if cut[1] < self._config.tabletop.min_purity:
+            return "mixed"
+        if len(cut[0]) < self._config.min_points:
+            return "too few points"
+        return None
+
+    def compose(self, poses: Sequence[np.ndarray], T_base_camera: np.ndarray, camera: CameraIntrinsics) -> Table:
+        """The scene with the objects that are shown at `poses`, T_camera_object (4, 4) each."""
+        depth = background_depth(T_base_camera, camera)
+        owner = np.zeros(depth.shape, np.int16)
+        alone = np.zeros(len(poses))
+        cut_off = np.zeros(len(poses), bool)
+        for i, pose in enumerate(poses):
+            extent = self._studio.extent(i, pose, camera)
+            cut_off[i] = not extent.within(camera)
+            if (extent.high <= 0).any() or (extent.low >= (camera.width, camera.height)).any():
+                continue
+            frame = self._studio.photograph(i, pose, camera, extent)
+            window = frame.intrinsics
+            row, column = round(camera.cy - window.cy), round(camera.cx - window.cx)
+            here = (slice(row, row + window.height), slice(column, column + window.width))
+            nearer = (frame.depth > 0) & ((frame.depth < depth[here]) | (depth[here] == 0))
+            depth[here][nearer] = frame.depth[nearer]
+            owner[here][nearer] = i + 1
+            alone[i] = np.count_nonzero(frame.depth)
+        seen = np.bincount(owner.reshape(-1), minlength=len(poses) + 1)[1:]
+        occlusion = 1 - np.divide(seen, alone, out=np.zeros(len(poses)), where=alone > 0)
+        return Table(depth, owner, np.where(cut_off, np.nan, occlusion))
+
+    def _rest(self, model: ObjectModel) -> np.ndarray:
+        key = model.class_name, model.instance
+        if key not in self._resting:
+            self._resting[key] = resting_poses(model, self._config.tabletop.drops, self._config.seed)
+        return self._resting[key]
+
+    def _distractors(self, rng: np.random.Generator) -> list[ObjectModel]:
+        """Objects of the catalogue of no class of the data set."""
+        others = [name for name in CLASSES if name not in self._config.labelled_classes]
+        if self._config.tabletop.distractors and not others:
+            raise CaptureError("tabletop.distractors: the data set labels all classes of the catalogue, none is left")
+        return [
+            make_object(others[rng.integers(len(others))], int(rng.integers(1000, 2000)))
+            for _ in range(self._config.tabletop.distractors)
+        ]
+
+
+def _matrix(pose: np.ndarray) -> np.ndarray:
+    """(4, 4) of a pose (7,)."""
+    T = np.eye(4)
+    T[:3, :3] = rotation_matrix(pose[3:])
+    T[:3, 3] = pose[:3]
+    return T

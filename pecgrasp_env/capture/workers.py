@@ -8,7 +8,7 @@ import multiprocessing.connection
 import os
 import signal
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Generator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -21,31 +21,44 @@ import numpy as np
 
 from pec.shards import ShardRecord, shard_name, write_shard
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.samples import draw_sample, sample_seed
-from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectModel
+from pecgrasp_env.capture.samples import Subject
+from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectError, ObjectModel
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 
 if TYPE_CHECKING:
     from pecgrasp_env.capture.samples import Scenario
 
-__all__ = ["Result", "ShardJob", "make_shards", "open_source"]
+__all__ = ["Member", "Result", "ShardJob", "make_shards", "open_source"]
+
+
+_GO_ON = "on_error=skip goes on with the other objects"
+
+
+@dataclass(frozen=True)
+class Member:
+    """An instance: its indices in the manifest, and its number among those of its class."""
+
+    class_index: int
+    instance_index: int
+    number_in_class: int
 
 
 @dataclass(frozen=True)
 class ShardJob:
-    """One shard: samples `first` to `first + count` of one instance."""
+    """One shard: samples `first` to `first + count` of each of its members."""
 
     index: int
-    class_index: int
-    instance_index: int
-    number_in_class: int
-    """Which instance of its class."""
+    members: tuple[Member, ...]
     first: int
     count: int
 
+    @property
+    def n_samples(self) -> int:
+        return self.count * len(self.members)
 
-Result = tuple[ShardRecord, dict[str, Any]]
-"""A written shard, and the manifest's entry for its instance."""
+
+Result = tuple[ShardRecord, list[dict[str, Any]]]
+"""A written shard, and the manifest's entries for its instances."""
 
 
 def open_source(config: CaptureConfig) -> Catalogue | MeshFolder:
@@ -57,30 +70,33 @@ def open_source(config: CaptureConfig) -> Catalogue | MeshFolder:
 
 
 def make_shards(
-    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int
+    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int, on_error: str = "stop"
 ) -> Generator[Result, None, None]:
     """Yields the result of each shard of `jobs` once it is written, in any order."""
     try:
         if workers == 1 or len(jobs) == 1:
-            photographer = _Photographer(config, directory)
+            photographer = _Photographer(config, directory, on_error)
             for job in jobs:
                 yield photographer.make(job)
         elif jobs:
-            yield from _run_processes(config, directory, jobs, min(workers, len(jobs)))
-    except OSError as error:
-        raise CaptureError(f"cannot write the data set in {directory}: {error}; the same command goes on") from error
+            yield from _run_processes(config, directory, jobs, min(workers, len(jobs)), on_error)
+    except BrokenProcessPool as error:
+        raise CaptureError(
+            f"a process that rendered for {directory} was killed, perhaps for want of memory; the same command goes "
+            "on, and workers=1 needs less"
+        ) from error
 
 
 def _run_processes(
-    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int
+    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int, on_error: str
 ) -> Generator[Result, None, None]:
     context = multiprocessing.get_context("spawn")  # a forked copy of a Vulkan device does not work
     # One executor a process, so that an instance's shards go to the process that has made its mesh already.
     executors = [
-        ProcessPoolExecutor(1, mp_context=context, initializer=_start_worker, initargs=(config, directory))
+        ProcessPoolExecutor(1, mp_context=context, initializer=_start_worker, initargs=(config, directory, on_error))
         for _ in range(workers)
     ]
-    groups = [deque(group) for _, group in groupby(jobs, key=lambda job: job.instance_index)]
+    groups = [deque(group) for _, group in groupby(jobs, key=lambda job: job.members)]
     waiting = deque(groups[workers:])
     lanes: list[deque[ShardJob]] = [*groups[:workers], *(deque[ShardJob]() for _ in range(workers - len(groups)))]
     running: dict[Future[Result], int] = {}
@@ -93,11 +109,6 @@ def _run_processes(
                 lane = running.pop(future)
                 _submit_next(lane, executors, lanes, waiting, running)
                 yield future.result()
-    except BrokenProcessPool as error:
-        raise CaptureError(
-            f"a process that rendered for {directory} was killed, perhaps for want of memory; the same command goes "
-            "on, and workers=1 needs less"
-        ) from error
     finally:
         for executor in executors:
             executor.shutdown(wait=False, cancel_futures=True)
@@ -136,42 +147,51 @@ def _open_scenario(config: CaptureConfig) -> Scenario:
 class _Photographer:
     """Makes shards in one process, one scene for all of them."""
 
-    def __init__(self, config: CaptureConfig, directory: Path) -> None:
+    def __init__(self, config: CaptureConfig, directory: Path, on_error: str) -> None:
         self._config = config
         self._directory = directory
+        self._on_error = on_error
         self._source = open_source(config)
         self._scenario = _open_scenario(config)
-        self._shown: dict[str, Any] = {}
 
     def make(self, job: ShardJob) -> Result:
-        """Capture the samples of `job` and write its shard."""
-        class_name = self._source.classes[job.class_index]
-        name = self._source.names(class_name)[job.number_in_class]
-        if (self._shown.get("class"), self._shown.get("name")) != (class_name, name):
-            model = self._source.load(class_name, job.number_in_class)
-            self._scenario.show(model)
-            extents = [round(float(size), 5) for size in model.extents]
-            self._shown = {"name": name, "class": class_name, "extents_m": extents, "mesh_sha256": _mesh_hash(model)}
-        rejected: Counter[str] = Counter()
-        samples = []
-        for number in range(job.first, job.first + job.count):
-            seed = sample_seed(self._config.seed, class_name, name, number)
+        """Capture the samples of `job` and write its shard.
+
+        An instance that cannot be had is left out where on_error is "skip"; else ObjectError or CaptureError names it.
+        """
+        subjects, entries, skipped = [], [], {}
+        for member in job.members:
+            class_name = self._source.classes[member.class_index]
+            name = self._source.names(class_name)[member.number_in_class]
+            entry: dict[str, Any] = {"name": name, "class": class_name}
             try:
-                samples.append(draw_sample(self._scenario, job.class_index, job.instance_index, seed, rejected))
-            except CaptureError as error:
-                raise CaptureError(f"{class_name}/{name}: {error}") from error
-        record = write_shard(self._directory / shard_name(job.index), samples)
-        return replace(record, rejected=dict(sorted(rejected.items()))), self._shown
+                model = self._source.load(class_name, member.number_in_class)
+            except ObjectError as error:
+                if self._on_error == "stop":
+                    raise ObjectError(f"{error}. {_GO_ON}") from error
+                skipped[name] = str(error)
+            else:
+                subjects.append(Subject(model, member.class_index, member.instance_index))
+                entry["extents_m"] = [round(float(size), 5) for size in model.extents]
+                entry["mesh_sha256"] = _mesh_hash(model)
+            entries.append(entry)
+        captured = self._scenario.capture(subjects, job.first, job.count)
+        for name, why in captured.given_up.items():
+            if self._on_error == "stop":
+                raise CaptureError(f"{name}: {why}. {_GO_ON}")
+            skipped[name] = why
+        record = write_shard(self._directory / shard_name(job.index), captured.samples)
+        return replace(record, rejected=dict(sorted(captured.rejected.items())), skipped=skipped), entries
 
 
 _photographer: _Photographer | None = None
 
 
-def _start_worker(config: CaptureConfig, directory: Path) -> None:
+def _start_worker(config: CaptureConfig, directory: Path, on_error: str) -> None:
     global _photographer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process: the parent ends the work
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _photographer = _Photographer(config, directory)
+    _photographer = _Photographer(config, directory, on_error)
 
 
 def _end_with_parent() -> None:

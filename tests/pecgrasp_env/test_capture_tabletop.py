@@ -1,0 +1,242 @@
+"""The tabletop scenario against the environment's own camera, and what is kept of a cut-out."""
+
+import hashlib
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from grasping import Segmenter
+from pec.shards import read_manifest, read_shard
+from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
+from pecgrasp_env.capture.samples import Subject
+from pecgrasp_env.capture.tabletop import TabletopScenario, background_depth, resting_poses
+from pecgrasp_env.objects import LARS_CLASSES, ObjectModel, Part, make_object
+from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
+from pecgrasp_env.sensor import D435
+from pecgrasp_env.views import look_postures
+
+TABLE = CaptureConfig(
+    scenario="tabletop",
+    objects=ObjectsConfig(classes=("can", "plug_adapter", "stapler"), instances_per_class=1),
+    samples_per_instance=4,
+    shard_size=6,
+    tabletop=TabletopConfig(drops=6),
+)
+
+
+def block(x: float, y: float, z: float, name: str = "block_0000") -> ObjectModel:
+    mesh = trimesh.creation.box((x, y, z))
+    part = Part(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), (1.0, 0.0, 0.0, 1.0))
+    return ObjectModel("block", name, (part,), (part.vertices,), 0.1)
+
+
+def contents(directory: Path) -> dict[str, str]:
+    files = sorted(path for path in directory.rglob("*") if path.is_file())
+    return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_a_frame_is_what_the_environments_wrist_camera_sees():
+    env = gym.make(
+        "SelectiveGrasp-v1",
+        obs_mode="depth+segmentation",
+        control_mode="pd_joint_pos",
+        classes=LARS_CLASSES,
+        n_objects=4,
+        sim_backend="physx_cpu",
+        render_backend="cpu",
+    )
+    env.reset(seed=3)
+    task = env.unwrapped
+    scenario = TabletopScenario(TABLE)
+    models = task.models[0]
+    scenario._studio.show(models)
+    for posture in look_postures():
+        q = task.agent.robot.get_qpos().clone()
+        q[0, :6] = torch.tensor(posture)
+        task.agent.robot.set_qpos(q)
+        pictures = task.get_obs()["sensor_data"]["wrist_camera"]
+        seen = pictures["depth"][0, ..., 0].numpy()
+        segmentation = pictures["segmentation"][0, ..., 0].numpy()
+        T = forward_kinematics(posture) @ T_TOOL0_CAMERA
+        poses = [
+            np.linalg.inv(T) @ actor.pose.to_transformation_matrix()[0].numpy().astype(float) for actor in task.objects
+        ]
+        table = scenario.compose(poses, T, D435["424x240"])
+        # Silhouettes may fall to the other side by a pixel; that the picture shows a floor beside the table, too.
+        assert np.mean(np.abs(table.depth - seen) < 2e-4) > 0.998
+        for i, actor in enumerate(task.objects):
+            theirs, ours = segmentation == int(actor.per_scene_id[0]), table.owner == i + 1
+            assert (theirs & ours).sum() > 0.97 * max(theirs.sum(), ours.sum()) > 100
+    env.close()
+
+
+def test_the_background_is_the_table_and_beside_it_the_floor():
+    camera = D435["424x240"]
+    T = np.eye(4)
+    T[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    T[:3, 3] = 0.8, 0.0, 0.5  # straight down, over the table's far edge
+    depth = background_depth(T, camera)
+    assert set(np.unique(depth).tolist()) == {0.5, 1.25}
+    at = 0.8 + (np.arange(424) + 0.5 - camera.cx) / camera.fx * 0.5
+    assert np.array_equal(depth[0] == 0.5, at < 0.95)
+    T[:3, :3] = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])  # at the horizon
+    assert (background_depth(T, camera)[:120] == 0).all()
+
+
+@pytest.mark.parametrize(("class_name", "seed"), [("stapler", 0), ("plug_adapter", 1), ("can", 2)])
+def test_objects_rest_on_the_table(class_name, seed):
+    model = make_object(class_name, seed)
+    poses = resting_poses(model, 24, 0)
+    assert len(poses) >= 20
+    corners = np.concatenate(model.hulls)
+    for pose in poses:
+        rotation = trimesh.transformations.quaternion_matrix(pose[3:])[:3, :3]
+        assert abs((corners @ rotation.T + pose[:3])[:, 2].min()) < 1e-3
+    assert np.array_equal(poses, resting_poses(model, 24, 0))
+    assert not np.array_equal(poses, resting_poses(model, 24, 1))
+
+
+def test_a_block_rests_on_its_faces_and_mostly_on_the_large_ones():
+    poses = resting_poses(block(0.10, 0.06, 0.03), 64, 3)
+    # the vertical in the object's frame
+    up = np.array([trimesh.transformations.quaternion_matrix(pose[3:])[2, :3] for pose in poses])
+    axis = np.abs(up).argmax(axis=1)
+    assert np.abs(up).max(axis=1) == pytest.approx(np.ones(len(up)), abs=0.01)
+    assert np.bincount(axis, minlength=3)[2] > len(up) / 2
+
+
+def test_clouds_are_what_the_robots_segmenter_cuts_out_labelled_by_the_renderer(monkeypatch):
+    scenes = []
+
+    class Watched(Segmenter):
+        def segment(self, cloud, **kwargs):
+            scenes.append(super().segment(cloud, **kwargs))
+            return scenes[-1]
+
+    monkeypatch.setattr("pecgrasp_env.capture.tabletop.Segmenter", Watched)
+    models = [make_object("can", 0), block(0.12, 0.05, 0.03), make_object("stapler", 2)]
+    made = TabletopScenario(TABLE).capture([Subject(model, i, 7 + i) for i, model in enumerate(models)], 0, 5)
+    assert [sample.class_index for sample in made.samples] == [0] * 5 + [1] * 5 + [2] * 5
+    assert [sample.instance_index for sample in made.samples] == [7] * 5 + [8] * 5 + [9] * 5
+    cut = {cloud.tobytes() for scene in scenes for cloud in scene.objects}
+    for sample in made.samples:
+        assert sample.points.tobytes() in cut
+        T = sample.T_camera_object
+        local = (sample.points - T[:3, 3]) @ T[:3, :3]
+        vertices = models[sample.class_index].visual_mesh().vertices
+        # With the ideal sensor only the label could be wrong: the points lie within the object that it says.
+        assert np.mean(np.all((local > vertices.min(0) - 2e-3) & (local < vertices.max(0) + 2e-3), axis=1)) > 0.99
+        assert 0 <= sample.camera < 4
+        assert sample.occlusion <= TABLE.max_occlusion
+        assert sample.purity >= TABLE.tabletop.min_purity
+    assert len({sample.camera for sample in made.samples}) > 1
+    assert len({sample.seed for sample in made.samples}) <= len(scenes)  # a frame gives several samples
+
+
+def crowded(clearance: float, **changes) -> CaptureConfig:
+    table = replace(TABLE.tabletop, clearance=clearance, **{k: v for k, v in changes.items() if k == "min_purity"})
+    return replace(TABLE, tabletop=table, **{k: v for k, v in changes.items() if k != "min_purity"})
+
+
+def test_mixed_cut_outs_are_dropped_and_counted_or_marked():
+    """Blocks of which the segmenter cannot know that they are two: they touch."""
+    pair = [Subject(block(0.16, 0.14, 0.05, f"block_{i}"), i, i) for i in range(2)]
+
+    def touching(config: CaptureConfig):
+        scenario = TabletopScenario(config)
+        poses = np.array([[0.5, 0.071, 0.025, 1, 0, 0, 0], [0.5, -0.071, 0.025, 1, 0, 0, 0]])
+        reasons = {0: Counter(), 1: Counter()}
+        scenario._studio.show([subject.model for subject in pair])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("pecgrasp_env.capture.tabletop.arrange", lambda *_: poses)
+            return scenario._frame([s.model for s in pair], pair, 0, reasons, Counter()), reasons
+
+    samples, reasons = touching(TABLE)
+    assert not samples
+    assert sorted(reason for counter in reasons.values() for reason in counter) == ["mixed", "not found"]
+    samples, reasons = touching(crowded(0.03, min_purity=0.0))
+    (sample,) = samples.values()
+    assert 0.4 < sample.purity < 0.6
+
+
+def test_what_others_hide_is_measured_and_rejected():
+    tall, low = block(0.05, 0.14, 0.20, "tall"), block(0.05, 0.06, 0.03, "low")
+    scenario = TabletopScenario(TABLE)
+    scenario._studio.show([tall, low])
+    eye = np.eye(4)
+    eye[:3, :3] = np.array([[0, -0.6, 0.8], [-1.0, 0, 0], [0, -0.8, -0.6]])  # looks along +x and down
+    eye[:3, 3] = -0.1, 0.0, 0.5
+
+    def hidden(gap: float) -> np.ndarray:
+        poses = []
+        for x, z in ((0.4, 0.1), (0.45 + gap, 0.015)):
+            T = np.eye(4)
+            T[:3, 3] = x, 0.0, z
+            poses.append(np.linalg.inv(eye) @ T)
+        return scenario.compose(poses, eye, D435["424x240"]).occlusion
+
+    assert hidden(0.02) == pytest.approx([0, 1], abs=0.05)
+    assert hidden(0.5)[1] == 0
+    shares = [hidden(gap)[1] for gap in np.linspace(0.02, 0.3, 12)]
+    assert shares == sorted(shares, reverse=True)
+    assert any(0.2 < share < 0.8 for share in shares)
+    assert scenario._reason(0.6, None) == "hidden"
+
+
+def test_an_object_that_the_segmenter_never_finds_is_given_up_with_the_reasons():
+    flat = block(0.08, 0.06, 0.006, "card")
+    made = TabletopScenario(TABLE).capture([Subject(flat, 0, 0), Subject(make_object("can", 0), 1, 1)], 0, 2)
+    assert [sample.class_index for sample in made.samples] == [1, 1]
+    assert list(made.given_up) == ["card"]
+    assert "not found" in made.given_up["card"]
+    assert "8 mm" in made.given_up["card"]
+
+
+def test_distractors_are_of_other_classes_and_give_no_sample():
+    config = replace(TABLE, tabletop=replace(TABLE.tabletop, distractors=2))
+    scenario = TabletopScenario(config)
+    others = scenario._distractors(np.random.default_rng(0))
+    assert len(others) == 2
+    assert not {model.class_name for model in others} & set(config.objects.classes)
+    made = scenario.capture([Subject(make_object("can", 0), 0, 0)], 0, 3)
+    assert len(made.samples) == 3
+    assert not np.array_equal(
+        made.samples[0].points,
+        TabletopScenario(TABLE).capture([Subject(make_object("can", 0), 0, 0)], 0, 1).samples[0].points,
+    )
+
+
+def test_the_set_has_the_same_bytes_from_two_workers_and_d435(tmp_path):
+    config = replace(TABLE, sensor="d435")
+    one = generate(config, tmp_path / "one", workers=1).directory
+    two = generate(config, tmp_path / "two", workers=2).directory
+    assert contents(one) == contents(two)
+    manifest = read_manifest(one)
+    assert manifest.config["scenario"] == "tabletop"
+    assert "max_depth" not in manifest.config
+    assert [camera["name"] for camera in manifest.cameras] == [f"424x240, the policy's view {k}" for k in (1, 2, 3, 4)]
+    counts = Counter()
+    for record in manifest.shards:
+        counts.update(read_shard(one / record.file, record).instance_index.tolist())
+    assert counts == {0: 4, 1: 4, 2: 4}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"objects_per_frame": 0}, r"objects_per_frame must lie in 1 … 8, got 0"),
+        ({"distractors": -1}, "distractors"),
+        ({"min_purity": 1.2}, "min_purity"),
+        ({"joint_noise": 0.5}, "joint_noise"),
+        ({"drops": 0}, "drops"),
+    ],
+)
+def test_settings_that_make_no_sense_are_named(change, message):
+    with pytest.raises(CaptureError, match=rf"tabletop\.{message}"):
+        TabletopConfig(**change)
