@@ -58,7 +58,7 @@ def eye_direction(grasp: Grasp | None, target: np.ndarray, up: np.ndarray) -> np
     sideways = grasp.pose[:3, 1] if grasp is not None else -target
     flat = sideways - (sideways @ up) * up
     if np.linalg.norm(flat) < 1e-6:
-        flat = np.cross(up, np.roll(up, 1))
+        flat = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     if flat @ -target < 0:
         flat = -flat
     direction = 0.82 * flat / np.linalg.norm(flat) + 0.57 * up

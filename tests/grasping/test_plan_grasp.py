@@ -242,3 +242,17 @@ def test_the_page_of_a_scene_opens_without_a_complaint_and_fits(opened, how: dic
     page.run("const s = document.querySelector('input[type=range]'); s.value = 1; s.dispatchEvent(new Event('input'))")
     assert page.run(output).startswith("2 of 2: object ")
     assert page.console == []
+
+
+def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    section = (ROOT / "README.md").read_text().split("## Use it on your own robot")[1]
+    lines = section.split("```python\n")[1].split("```")[0]
+    assert len([line for line in lines.splitlines() if line]) <= 10
+    monkeypatch.chdir(tmp_path)
+    points = table_scene().astype("<f4")
+    header = f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH {len(points)}\nHEIGHT 1\nDATA binary\n"
+    Path("frame.pcd").write_bytes(header.encode() + points.tobytes())
+    names = {"T_base_camera": np.diag([1.0, -1.0, -1.0, 1.0])}
+    exec(lines, names)
+    assert names["T_base_grasp"][2, 2] == pytest.approx(-1.0, abs=0.01)
+    assert 0.04 < names["width"] < names["opening"] <= ROBOTIQ_2F_140.stroke
