@@ -143,6 +143,50 @@ static PyObject *refine(PyObject *self, PyObject *arguments)
     return answer;
 }
 
+static int are_rules(const Rules *rules)
+{
+    const double tried = rules->refined + 2.0 * rules->slid + rules->candidates + rules->centred;
+    return rules->pad_width > 0.0 && rules->refined >= 1.0 && rules->slid >= 0.0 && rules->centred >= 0.0 &&
+           rules->candidates >= 0.0 && tried <= MOST_TRIED;
+}
+
+static PyObject *rank(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *object, *others, *holds, *terms, *ranked, *problems;
+    Py_ssize_t count, length = sizeof(Rules) / sizeof(double);
+    double centre_x, centre_y;
+    if (!PyArg_ParseTuple(arguments, "OOOnddOOO", &object, &others, &holds, &count, &centre_x, &centre_y, &terms,
+                          &ranked, &problems))
+        return NULL;
+    Held held = {.count = 0};
+    Points on, around;
+    Py_buffer *coarse, *out, *refusals;
+    const double *numbered;
+    PyObject *answer = NULL;
+    if (points(&held, object, "object", &on) && points(&held, others, "others", &around) &&
+        (coarse = array(&held, holds, "holds", "d", 2, HOLD_TERMS, 0)) &&
+        (numbered = numbers(&held, terms, "rules", &length)) &&
+        (out = array(&held, ranked, "ranked", "d", 2, RANKED_TERMS, 1)) &&
+        (refusals = array(&held, problems, "problems", "lq", 1, MOST_TRIED, 1))) {
+        const Py_ssize_t stride = coarse->shape[1];
+        Rules rules;
+        memcpy(&rules, numbered, sizeof(rules));
+        if (out->shape[1] != MOST_TRIED || count < 1 || count > stride || count > MEASURED || !are_rules(&rules)) {
+            PyErr_Format(PyExc_ValueError, "holds, rules or ranked: out of range");
+        } else {
+            ptrdiff_t found, refused;
+            Py_BEGIN_ALLOW_THREADS
+            found = rank_holds(on, around, coarse->buf, stride, count, centre_x, centre_y, &rules, out->buf,
+                               refusals->buf, &refused);
+            Py_END_ALLOW_THREADS
+            answer = found < 0 ? failure(found) : Py_BuildValue("nn", found, refused);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
 static PyObject *survey(PyObject *self, PyObject *arguments)
 {
     (void)self;
@@ -181,6 +225,7 @@ static PyObject *survey(PyObject *self, PyObject *arguments)
 static PyMethodDef methods[] = {
     {"scan", scan, METH_VARARGS, "See profiles.scan: fills `holds`, returns (count, too_wide, narrowest)."},
     {"refine", refine, METH_VARARGS, "See contacts.refine: fills `contacts`."},
+    {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
     {"survey", survey, METH_VARARGS, "See survey.survey: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},
 };

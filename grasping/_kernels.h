@@ -48,6 +48,30 @@ int refine_holds(
     Points object, Points others, const double *heading, const double *x, const double *y, const double *tip,
     const double *width, ptrdiff_t count, double pad_width, double wished_room, double *contacts);
 
+/* ranking.py. Numbers only, in the order of ranking.Rules. */
+typedef struct {
+    double pad_width, stroke, finger_thickness, finger_room, wished_room, greatest_width;
+    double steepest, parallel, blurred; /* angles of contacts that slip; are as good as parallel; cost all in the scan */
+    double least_overlap, least_contact, most_clearance, far_from_centre;
+    double refined, alike_place, alike_heading, alike_tip;                  /* scoring.best_unlike */
+    double place, heading, width, same_place, same_heading, sag, slide;     /* plateaus.places */
+    double slid, centred, candidates;
+    double coarse_total, total;                                             /* sums of weights */
+    double w_contact, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole;
+} Rules;
+
+enum {
+    RANKED_SCORE = CONTACT_TERMS, RANKED_TIP, RANKED_WHOLE, RANKED_ANGLE, RANKED_OVERLAP, RANKED_CENTRE, RANKED_ROOM,
+    RANKED_NARROW, RANKED_OPENING, RANKED_TERMS
+};
+#define MOST_TRIED 64
+
+/* holds: rows of an array (HOLD_TERMS, stride). ranked: (RANKED_TERMS, MOST_TRIED). problems: MOST_TRIED numbers of what
+ * speaks against each hold where none holds. Returns the number of ranked ones or an error; *refused: of problems. */
+ptrdiff_t rank_holds(
+    Points object, Points others, const double *holds, ptrdiff_t stride, ptrdiff_t count, double centre_x,
+    double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused);
+
 /* survey.py */
 enum { PART_SLAB, PART_CLUSTER, PART_START, PART_STOP, PART_FLAT, PART_SEEN, PART_HELD, PART_COUNTS };
 enum { PART_LOW_X, PART_LOW_Y, PART_HIGH_X, PART_HIGH_Y, PART_CURVATURE, PART_MEASURES };

@@ -44,6 +44,29 @@ make_venv() {
     "$python" -m venv --clear .venv
 }
 
+has_headers() {
+    .venv/bin/python -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_paths()["include"] + "/Python.h"))'
+}
+
+# The planner's kernels are compiled where they can be; where not, it plans the same with NumPy alone.
+find_compiler() {
+    local python
+    if command -v gcc >/dev/null && has_headers; then return; fi
+    python=$(.venv/bin/python -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+    if is_root && has_apt; then
+        (apt_install "no compiler for the planner's kernels was found" gcc libc6-dev "$python-dev") ||
+            say "the compiler could not be installed: the planner will do without its compiled kernels"
+    else
+        say "no compiler was found (gcc, $python-dev): the planner will do without its compiled kernels"
+    fi
+}
+
+build_kernels() {
+    find_compiler
+    .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps -e . ||
+        say "the planner's kernels could not be built: it does without them"
+}
+
 install_packages() {
     # Torch first and by itself: left to the resolver, a machine without a GPU may get another build of several GB.
     say "packages (a few minutes)"
@@ -77,12 +100,19 @@ install_opencv_libraries() {
     .venv/bin/python -c 'import cv2' || die "OpenCV still does not load: see the message above"
 }
 
-# What the environment was made from; a change of it makes it anew.
+# What the environment and the kernels in it were made from; a change makes them anew.
+kernels() { echo "$(cat setup.py grasping/_*.[ch] | sha256sum | cut -c1-16) $(command -v gcc)"; }
 wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
 if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     [ -x .venv/bin/python ] && .venv/bin/python -m pip --version >/dev/null 2>&1 || make_venv
+    find_compiler
     install_packages
     printf '%s' "$wanted" >.venv/.pecgrasp
+    kernels >.venv/.pecgrasp_kernels
+fi
+if [ "$(cat .venv/.pecgrasp_kernels 2>/dev/null)" != "$(kernels)" ]; then
+    build_kernels
+    kernels >.venv/.pecgrasp_kernels
 fi
 .venv/bin/python -c 'import cv2' 2>/dev/null || install_opencv_libraries
 .venv/bin/python -m pecgrasp_env.doctor --quiet || install_driver
