@@ -12,14 +12,12 @@ import numpy as np
 
 from pec.errors import DatasetError
 from pec.shards import read_manifest, read_shard
-from pec.splits import read_splits, split_by_instance, split_by_sample
+from pec.splits import read_splits
 
 __all__ = [
     "CloudDataset",
     "load_dataset",
     "remove_around_random_point",
-    "split_by_instance",
-    "split_by_sample",
 ]
 
 # A mapped file stays open, and a process may hold 1024 files: shards beyond these are read into memory.

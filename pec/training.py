@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from pec.augment import augment
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
-from pec.clouds import CloudDataset, load_dataset, split_by_instance, split_by_sample
+from pec.clouds import CloudDataset, load_dataset
 from pec.config import DatasetConfig, TrainConfig, read_config
 from pec.errors import ConfigError, DatasetError
 from pec.evaluation import predict_log_probabilities, score
@@ -29,6 +29,7 @@ from pec.models import build_model
 from pec.prepared import PreparedClouds, prepare
 from pec.report import report
 from pec.rivals import NearestNeighbours, PointNet
+from pec.splits import divide, split_by_instance, split_by_sample
 from pec.threads import torch_threads
 from pec.tracking import Tracker
 
@@ -91,15 +92,17 @@ def _train(config: TrainConfig) -> dict[str, Any]:
 def split(
     dataset: CloudDataset, settings: DatasetConfig, selection: str, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Indices (train, selection, test). Published protocol: selection and test are one and the same split."""
+    """Indices (train, selection, test). Published protocol: selection and test are one and the same split.
+
+    Test is the one that the data set stores, equal for every seed, where it stores one of this fraction.
+    """
     rng = np.random.default_rng((seed, 0x5911))
     if settings.split == "official":
         if dataset.official_test is None:
             raise DatasetError(f"{settings.path} has no official split; use dataset.split=sample or instance")
         rest, test = np.flatnonzero(~dataset.official_test), np.flatnonzero(dataset.official_test)
     else:
-        divide = split_by_sample if settings.split == "sample" else split_by_instance
-        rest, test = divide(dataset, settings.train_fraction, rng)
+        rest, test = divide(dataset, settings.split, settings.train_fraction, rng)
     if selection == "evaluation split":
         return rest, test, test
     # Instances kept apart from test are too few to be cut again where a class has only two of them.
@@ -107,8 +110,8 @@ def split(
         len(np.unique(dataset.instances[rest][dataset.labels[rest] == label])) > 2
         for label in range(len(dataset.classes))
     )
-    divide = split_by_instance if enough else split_by_sample
-    training, validation = divide(dataset, 1 - settings.validation_fraction, rng, rest)
+    cut = split_by_instance if enough else split_by_sample
+    training, validation = cut(dataset, 1 - settings.validation_fraction, rng, rest)
     return training, validation, test
 
 

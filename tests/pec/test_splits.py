@@ -115,3 +115,19 @@ def test_broken_splits_are_named(shapes, tmp_path, content, message):
     (tmp_path / "data" / SPLITS_NAME).write_text(content if isinstance(content, str) else json.dumps(content))
     with pytest.raises(DatasetError, match=rf"splits\.json.*{message}"):
         load_dataset(tmp_path / "data")
+
+
+def test_training_tests_on_the_stored_split_whatever_its_seed(shapes, tmp_path):
+    from pec.config import DatasetConfig
+    from pec.training import split
+
+    directory = shutil.copytree(shapes, tmp_path / "data")
+    write_splits(directory, load_dataset(directory), 5)
+    dataset = load_dataset(directory)
+    for way in ("sample", "instance"):
+        parts = [split(dataset, DatasetConfig(str(directory), split=way), "validation", seed) for seed in (0, 1)]
+        stored = np.flatnonzero(dataset.test[way])
+        for training, selection, test in parts:
+            assert test.tolist() == stored.tolist()
+            assert sorted([*training, *selection, *test]) == list(range(len(dataset)))
+        assert parts[0][1].tolist() != parts[1][1].tolist()
