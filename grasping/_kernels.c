@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* Raised whenever a function here takes or returns something else; grasping/kernels.py names the one that it knows. */
-#define INTERFACE 1
+#define INTERFACE 2
 
 #define MOST_BUFFERS 12
 
@@ -68,6 +68,93 @@ static PyObject *failure(ptrdiff_t code)
     if (code == TOO_LARGE)
         return PyErr_Format(PyExc_ValueError, "the cloud is too large for a map at this resolution, or not finite");
     return PyErr_NoMemory();
+}
+
+/* A cloud of at least one point, and its axes. */
+static int cloud_and_axes(Held *held, PyObject *cloud, PyObject *axes, Points *on, const double **turn)
+{
+    Py_buffer *view;
+    if (!points(held, cloud, "cloud", on) || !(view = array(held, axes, "axes", "d", 2, 3, 0)))
+        return 0;
+    *turn = view->buf;
+    if (on->count >= 1 && view->shape[1] == 3)
+        return 1;
+    PyErr_SetString(PyExc_ValueError, "cloud, axes: a point at least and three axes are needed");
+    return 0;
+}
+
+static PyObject *across(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *answer = NULL;
+    double cell, axis[2];
+    if (!PyArg_ParseTuple(arguments, "OOd", &cloud, &axes, &cell))
+        return NULL;
+    Held held = {.count = 0};
+    Points on;
+    const double *turn;
+    if (cloud_and_axes(&held, cloud, axes, &on, &turn)) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = short_side(on, turn, cell, axis);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_BuildValue("dd", axis[0], axis[1]);
+    }
+    release(&held);
+    return answer;
+}
+
+static PyObject *thin(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *thinned, *answer = NULL;
+    double box;
+    if (!PyArg_ParseTuple(arguments, "OOdO", &cloud, &axes, &box, &thinned))
+        return NULL;
+    Held held = {.count = 0};
+    Points on;
+    const double *turn;
+    Py_buffer *out;
+    if (cloud_and_axes(&held, cloud, axes, &on, &turn) && (out = array(&held, thinned, "thinned", "d", 2, 3, 1))) {
+        if (out->shape[1] != on.count) {
+            PyErr_SetString(PyExc_ValueError, "thinned: a column for each point is needed");
+        } else {
+            ptrdiff_t count;
+            Py_BEGIN_ALLOW_THREADS
+            count = thin_cloud(on, turn, box, out->buf);
+            Py_END_ALLOW_THREADS
+            answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
+static PyObject *place(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *local, *answer = NULL;
+    double table_height, cell, middle[3], centre[2];
+    if (!PyArg_ParseTuple(arguments, "OOddO", &cloud, &axes, &table_height, &cell, &local))
+        return NULL;
+    Held held = {.count = 0};
+    Points on;
+    const double *turn;
+    Py_buffer *out;
+    if (cloud_and_axes(&held, cloud, axes, &on, &turn) && (out = array(&held, local, "local", "d", 2, 3, 1))) {
+        if (out->shape[1] != on.count) {
+            PyErr_SetString(PyExc_ValueError, "local: a column for each point is needed");
+        } else {
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = place_cloud(on, turn, table_height, cell, out->buf, middle, centre);
+            Py_END_ALLOW_THREADS
+            answer = code ? failure(code)
+                          : Py_BuildValue("ddddd", middle[0], middle[1], middle[2], centre[0], centre[1]);
+        }
+    }
+    release(&held);
+    return answer;
 }
 
 static PyObject *scan(PyObject *self, PyObject *arguments)
@@ -223,6 +310,9 @@ static PyObject *survey(PyObject *self, PyObject *arguments)
 }
 
 static PyMethodDef methods[] = {
+    {"short_side", across, METH_VARARGS, "See views.short_side: returns the direction."},
+    {"thin", thin, METH_VARARGS, "See views.thin: fills `thinned`, returns the number of points."},
+    {"place", place, METH_VARARGS, "See views.place: fills `local`, returns middle and centre."},
     {"scan", scan, METH_VARARGS, "See profiles.scan: fills `holds`, returns (count, too_wide, narrowest)."},
     {"refine", refine, METH_VARARGS, "See contacts.refine: fills `contacts`."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},

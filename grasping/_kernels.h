@@ -18,6 +18,21 @@ typedef struct {
     ptrdiff_t count;
 } Points;
 
+/* views.py. axes: 3 × 3 by rows; its columns are the axes. Points here are in the cloud's frame, `height` its z. */
+
+/* The direction in the plane of the first two axes across the points (cell 0), or across the footprint each of whose
+ * square cells counts once. Returns 0 or an error. */
+int short_side(Points cloud, const double axes[9], double cell, double axis[2]);
+
+/* One point, the highest, of each box: 1 × 1 × 4 of at least `box`. thinned: (3, count). Returns their number. */
+ptrdiff_t thin_cloud(Points cloud, const double axes[9], double box, double *thinned);
+
+/* The cloud along its axes, in rising height, with the origin in its middle and at the table's height (NaN: of the lowest
+ * point). local: (3, count). Returns 0 or an error. */
+int place_cloud(
+    Points cloud, const double axes[9], double table_height, double cell, double *local, double middle[3],
+    double centre[2]);
+
 /* profiles.py */
 enum { HOLD_HEADING, HOLD_X, HOLD_Y, HOLD_TIP, HOLD_WIDTH, HOLD_OVERLAP, HOLD_ANGLE, HOLD_ROOM, HOLD_WHOLE, HOLD_TERMS };
 #define MEASURED 160
@@ -56,6 +71,7 @@ typedef struct {
     double refined, alike_place, alike_heading, alike_tip;                  /* scoring.best_unlike */
     double place, heading, width, same_place, same_heading, sag, slide;     /* plateaus.places */
     double slid, centred, candidates;
+    double shallow, deep, deepest, shallow_share, deep_share, deepest_share; /* scoring.overlap_term */
     double coarse_total, total;                                             /* sums of weights */
     double w_contact, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole;
 } Rules;

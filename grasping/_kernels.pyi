@@ -5,6 +5,20 @@ from numpy.typing import NDArray
 
 INTERFACE: int
 
+def short_side(cloud: NDArray[np.float64], axes: NDArray[np.float64], cell: float, /) -> tuple[float, float]: ...
+def thin(cloud: NDArray[np.float64], axes: NDArray[np.float64], box: float, thinned: NDArray[np.float64], /) -> int:
+    """Fill `thinned` (3, N); return the number of points."""
+
+def place(
+    cloud: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    table_height: float,
+    cell: float,
+    local: NDArray[np.float64],
+    /,
+) -> tuple[float, float, float, float, float]:
+    """Fill `local` (3, N); return the middle and the centre."""
+
 def scan(
     object: NDArray[np.float64],
     others: NDArray[np.float64],
@@ -38,6 +52,20 @@ def refine(
     /,
 ) -> None:
     """Fill `contacts` (9, M), one column a hold."""
+
+def rank(
+    object: NDArray[np.float64],
+    others: NDArray[np.float64],
+    holds: NDArray[np.float64],
+    count: int,
+    centre_x: float,
+    centre_y: float,
+    rules: NDArray[np.float64],
+    ranked: NDArray[np.float64],
+    problems: NDArray[np.int64],
+    /,
+) -> tuple[int, int]:
+    """Fill `ranked` (18, 64), one column a hold, or `problems` (64,) where none holds; return the number of either."""
 
 def survey(
     object: NDArray[np.float64],

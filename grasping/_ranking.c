@@ -35,9 +35,10 @@ static double clip(double share)
     return share < 1.0 ? share : 1.0;
 }
 
-static double overlap_term(double overlap)
+static double overlap_term(const Rules *rules, double overlap)
 {
-    return 0.65 * clip(overlap / 0.015) + 0.15 * clip(overlap / 0.045) + 0.2 * clip(overlap / 0.130);
+    return rules->shallow_share * clip(overlap / rules->shallow) + rules->deep_share * clip(overlap / rules->deep) +
+           rules->deepest_share * clip(overlap / rules->deepest);
 }
 
 static double centre_term(const Scene *scene, double x, double y)
@@ -52,7 +53,7 @@ static double coarse_score(const Scene *scene, const double *hold, ptrdiff_t str
     const double overlap = hold[HOLD_OVERLAP * stride];
     double score = 0.0;
     score += rules->w_angle * clip(1.0 - hold[HOLD_ANGLE * stride] / rules->blurred);
-    score += rules->w_overlap * overlap_term(overlap);
+    score += rules->w_overlap * overlap_term(rules, overlap);
     score += rules->w_centre * centre_term(scene, hold[HOLD_X * stride], hold[HOLD_Y * stride]);
     score += rules->w_room * hold[HOLD_ROOM * stride];
     score += rules->w_narrow * (1.0 - hold[HOLD_WIDTH * stride] / rules->stroke);
@@ -118,7 +119,7 @@ static void judge(const Scene *scene, Tried *hold)
     clear = clear < rules->most_clearance ? clear : rules->most_clearance;
     const double opening = width + 2.0 * clear;
     of[RANKED_ANGLE] = clip((rules->steepest - angle) / (rules->steepest - rules->parallel));
-    of[RANKED_OVERLAP] = overlap_term(overlap);
+    of[RANKED_OVERLAP] = overlap_term(rules, overlap);
     of[RANKED_CENTRE] = centre_term(scene, of[CONTACT_X], of[CONTACT_Y]);
     of[RANKED_ROOM] = clip((gap - rules->finger_room) / (rules->wished_room - rules->finger_room));
     of[RANKED_NARROW] = clip(1.0 - width / rules->stroke);

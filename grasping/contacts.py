@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping import libm
+from grasping import exact
 from grasping.profiles import Holds
 
 FloatArray = NDArray[np.float64]
@@ -64,7 +64,7 @@ def refine(
     points, height = xy[near], height[near]
     above = height > tip[:, None]
     for step in range(STEPS + 1):
-        cos, sin = libm.cos(heading), libm.sin(heading)
+        cos, sin = exact.cos(heading), exact.sin(heading)
         along, across = _turned(points, cos, sin, x, y)
         between = above & (np.abs(across) <= half) & (np.abs(along) <= reach[:, None])
         chosen = np.flatnonzero(between)
@@ -80,7 +80,7 @@ def refine(
         middle = 0.5 * (start + end)
         from_x, from_y, x, y = x, y, x + cos * middle, y + sin * middle
         if step < STEPS:
-            heading = heading - np.clip(libm.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
+            heading = heading - np.clip(exact.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
 
     point = chosen - hold * between.shape[1]
     u, top = np.stack([u, -u]), np.full((2, len(tip)), -np.inf)
@@ -97,7 +97,7 @@ def refine(
         y=y,
         tip=tip,
         width=end - start,
-        angle=np.abs(libm.arctan(slope)).max(axis=0),
+        angle=np.abs(exact.arctan(slope)).max(axis=0),
         contact=_support(contour - outermost[:, :, None]).min(axis=0),
         overlap=np.where(empty, 0.0, top.min(axis=0) - tip),
         gap=gap,

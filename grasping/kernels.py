@@ -6,6 +6,7 @@ was not built yet, it has not, and the planner takes the references.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from grasping.views import View
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 1  # as in _kernels.c
+INTERFACE = 2  # as in _kernels.c
 
 
 def _load() -> Any:
@@ -32,6 +33,27 @@ def _load() -> Any:
 
 _KERNELS = _load()
 AVAILABLE = _KERNELS is not None
+
+
+def short_side(cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float, float]:
+    """`projection.short_side`."""
+    return _KERNELS.short_side(cloud, np.ascontiguousarray(axes), cell)
+
+
+def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
+    """`projection.thin`."""
+    thinned = np.empty_like(cloud)
+    return np.ascontiguousarray(thinned[:, : _KERNELS.thin(cloud, np.ascontiguousarray(axes), box, thinned)])
+
+
+def place(
+    cloud: FloatArray, axes: FloatArray, table_height: float | None, cell: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`projection.place`."""
+    local = np.empty_like(cloud)
+    height = math.nan if table_height is None else table_height
+    *middle, x, y = _KERNELS.place(cloud, np.ascontiguousarray(axes), height, cell, local)
+    return local, np.array(middle), np.array([x, y])
 
 
 def scan(

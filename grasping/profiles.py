@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping import libm
+from grasping import exact
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -239,7 +239,7 @@ def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
     present = np.asarray(above.any(axis=2))
     left = _slope(above.argmax(axis=2), present, place.row)
     right = _slope(nx - 1 - above[:, :, ::-1].argmax(axis=2), present, place.row)
-    turn = libm.arctan(0.5 * (left + right))
+    turn = exact.arctan(0.5 * (left + right))
     x, y = place.centres(runs)
     return Holds(
         heading=place.headings[heading],
@@ -248,7 +248,7 @@ def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
         tip=runs.tip,
         width=np.asarray((runs.end - runs.start + 1) * X_STEP, dtype=np.float64),
         overlap=place.overlap(runs),
-        angle=np.maximum(np.abs(libm.arctan(left) - turn), np.abs(libm.arctan(right) - turn)),
+        angle=np.maximum(np.abs(exact.arctan(left) - turn), np.abs(exact.arctan(right) - turn)),
         room=runs.room,
         whole=whole,
     )
