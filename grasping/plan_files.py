@@ -243,8 +243,8 @@ def _object(each: PlannedObject) -> dict[str, Any]:
             {
                 "primitive": region.primitive,
                 "verdict": region.verdict,
-                "width": float(region.width),
-                "curvature": float(region.curvature),
+                "width": _finite(region.width),
+                "curvature": _finite(region.curvature),
                 "points": len(region.points),
                 "slab": int(region.slab),
                 "cluster": None if region.cluster is None else int(region.cluster),
@@ -261,8 +261,13 @@ def _grasp(grasp: Grasp) -> dict[str, Any]:
         "score": float(grasp.score),
         "kind": grasp.kind,
         "region": None if grasp.region is None else int(grasp.region),
-        "terms": {name: float(value) for name, value in grasp.terms.items()},
+        "terms": {name: _finite(value) for name, value in grasp.terms.items()},
     }
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no word for NaN and infinity."""
+    return float(value) if math.isfinite(value) else None
 
 
 def _write(path: Path, text: str) -> None:

@@ -4,8 +4,10 @@ import re
 import shlex
 import sys
 from pathlib import Path
+from typing import Any
 
 import hydra
+from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -20,7 +22,7 @@ def main(cfg: DictConfig) -> None:
     try:
         results = plan_files(cloud_paths(cfg.cloud), task_of(cfg), Path(cfg.output), command=shlex.join(COMMAND))
     except (CloudError, ConfigError, FileNotFoundError, OmegaConfBaseException, YAMLError) as error:
-        sys.exit(f"plan_grasp: {error}")
+        sys.exit(f"plan_grasp: {str(error).splitlines()[0]}")
     print(f"\nresults: {cfg.output}/results.json, to look at: {cfg.output}/plan.html")
     if results["summary"]["failed"]:
         sys.exit(f"plan_grasp: {results['summary']['failed']} of {results['summary']['files']} files failed")
@@ -31,12 +33,20 @@ def task_of(cfg: DictConfig) -> Task:
     chosen = cfg.gripper if cfg.gripper_file is None else OmegaConf.load(cfg.gripper_file)
     gripper = Gripper.from_mapping(OmegaConf.to_container(chosen, resolve=True))
     return Task(
-        planner=instantiate(cfg.planner, _partial_=True)(gripper=gripper),
+        planner=made(cfg.planner, gripper=gripper),
         gripper=gripper,
-        segmenter=instantiate(cfg.segmenter, _partial_=True)() if cfg.scene else None,
+        segmenter=made(cfg.segmenter) if cfg.scene else None,
         up=frame_up(cfg.frame) if cfg.up is None else OmegaConf.to_container(cfg.up),
         scale=cfg.scale,
     )
+
+
+def made(section: DictConfig, **more: object) -> Any:
+    """What `_target_` makes of a section's settings. Raises ConfigError for one that it does not take."""
+    try:
+        return instantiate(section, _partial_=True)(**more)
+    except (TypeError, InstantiationException) as error:
+        raise ConfigError(f"{section.get('_target_')}: {error}") from error
 
 
 COMMAND = ["python", "scripts/plan_grasp.py", *sys.argv[1:]]

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from grasping_shapes import box_top, grid, moved, standing_can
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
 
 from grasping import CloudError, ConfigError, CurvaturePlanner, Segmenter
 from grasping.gripper import ROBOTIQ_2F_140
@@ -167,6 +169,22 @@ def test_a_cloud_without_an_object_says_so(tmp_path: Path, points: np.ndarray, m
     assert (tmp_path / "out" / "plan.html").is_file()
 
 
+@pytest.mark.parametrize("planner", sorted(path.stem for path in (ROOT / "conf" / "planner").glob("*.yaml")))
+def test_every_configured_planner_plans_a_file_and_leaves_a_page(planner: str, tmp_path: Path, outline) -> None:
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        cfg = compose("plan", overrides=["cloud=box.npy", f"planner={planner}"])
+    own = instantiate(cfg.planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
+    name = """a<b>&"quoted' box.npy"""
+    np.save(tmp_path / name, box())
+    plan_files([tmp_path / name], task(planner=own), tmp_path / "out", say=lambda line: None)
+    (file,) = json.loads((tmp_path / "out/results.json").read_text())["files"]
+    (found,) = file["objects"]
+    assert bool(found["grasps"]) == (found["reason"] is None)
+    assert found["error"] is None
+    seen = outline((tmp_path / "out/plan.html").read_text())
+    assert seen.text.count(name) >= 3
+
+
 def test_paths_that_hold_no_cloud_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="nowhere"):
         cloud_paths(tmp_path / "nowhere")
@@ -201,9 +219,11 @@ def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ([], "cloud"),
         (["cloud=nowhere.ply"], "cloud nowhere.ply does not exist"),
         (["cloud=README.md", "gripper.stroke=85"], "gripper.stroke = 85.0 is more than a metre"),
         (["cloud=README.md", "gripper=nowhere.yaml"], "nowhere.yaml"),
+        (["cloud=README.md", "+planner.frictoin=1"], "frictoin"),
         (["cloud=README.md", "frame=moon"], "frame = 'moon' must be camera or world"),
         (["cloud=README.md", "+planner.friction=-1"], "friction = -1 must be between"),
     ],
