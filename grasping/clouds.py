@@ -67,6 +67,16 @@ def plane_equation(plane: ArrayLike, *, name: str = "table") -> NDArray[np.float
     return value / length
 
 
+def require_near(cloud: NDArray[np.float64], table: NDArray[np.float64]) -> None:
+    """Raises ConfigError where an object (N, 3) is too far from a plane (4,) for that to be its table."""
+    height = cloud @ table[:3] + table[3]
+    low, high = float(height.min()), float(height.max())
+    if low > LARGEST_OBJECT or high < -LARGEST_OBJECT:
+        raise ConfigError(
+            f"table = {table.tolist()}: the object is {low:.4g} m to {high:.4g} m above it; another frame or unit?"
+        )
+
+
 def workspace(
     up: ArrayLike | None, table: ArrayLike | None, obstacles: ArrayLike | None
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, NDArray[np.float64]]:

@@ -21,7 +21,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasping.clouds import object_cloud, workspace
+from grasping.clouds import object_cloud, require_near, workspace
 from grasping.contacts import Contacts, refine
 from grasping.errors import require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
@@ -110,6 +110,8 @@ class CurvaturePlanner:
         """
         cloud = np.asfortranarray(object_cloud(points))  # sums and extremes over long rows are fast
         up_vector, plane, neighbours = workspace(up, table, obstacles)
+        if plane is not None:
+            require_near(cloud, plane)
         if up_vector is None:
             views = views_without_table(cloud, neighbours, self.n_points)
         else:

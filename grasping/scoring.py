@@ -34,8 +34,8 @@ def weigh(terms: dict[str, FloatArray]) -> FloatArray:
 
 
 def overlap_term(overlap: FloatArray) -> FloatArray:
-    """1 from 130 mm beside the surface; most of it is earned with the first 15 mm, the last of it breaks ties."""
-    return 0.65 * clip(overlap / 0.015) + 0.15 * clip(overlap / 0.045) + 0.2 * clip(overlap / 0.130)
+    """1 from 130 mm beside the surface; half of it is earned with the first 15 mm, most of the rest goes to depth."""
+    return 0.5 * clip(overlap / 0.015) + 0.1 * clip(overlap / 0.045) + 0.4 * clip(overlap / 0.130)
 
 
 def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray) -> FloatArray:
