@@ -29,7 +29,15 @@ __all__ = ["cell_key", "code_version", "data_version", "read_cells", "run_cell"]
 _BESIDE = ("output", "threads", "device", "cache", "progress", "name", "folder", "table")
 
 # Modules that no number of a cell comes from. Every other one belongs to the code version, new ones too.
-_BESIDE_CODE = ("ablation.py", "ablation_table.py", "charts.py", "sweep.py", "onnx.py", "robustness.py", "tracking.py")
+_BESIDE_CODE = (
+    "ablation.py",
+    "ablation_table.py",
+    "charts.py",
+    "sweep.py",
+    "onnx_export.py",
+    "robustness.py",
+    "tracking.py",
+)
 
 
 def run_cell(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 
 def take(features: torch.Tensor, indices: torch.Tensor) -> torch.Tensor:
     """features (B, N, C) at indices (B, …) → (B, …, C)."""
-    batch = torch.arange(len(features), device=features.device)
+    batch = torch.arange(features.shape[0], device=features.device)
     return features[batch.view(-1, *[1] * (indices.dim() - 1)), indices]
 
 
@@ -36,7 +36,7 @@ def farthest_points(points: torch.Tensor, n: int) -> torch.Tensor:
     The first m of them are the sampling of m points, and also that of m points out of these n: a hierarchy of
     samplings is one sampling and its prefixes.
     """
-    batch = torch.arange(len(points), device=points.device)
+    batch = torch.arange(points.shape[0], device=points.device)
     distances = squared_distances(points, points)
     index = (points - points.mean(dim=1, keepdim=True)).square().sum(dim=2).argmax(dim=1)
     chosen = [index]

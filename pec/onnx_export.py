@@ -1,0 +1,63 @@
+"""A checkpoint's network as one ONNX file, for runtimes without torch: `pip install '.[onnx]'`.
+
+The file takes `points` (batch, n_points, 3) float32 and gives `logits` (batch, n_classes). It holds the network only.
+What comes before and after is in its metadata, JSON each:
+
+preprocess     how a raw cloud becomes `points`: the settings of `pec.preprocess.Preprocess`. A pose "principal" gives
+               the network a cloud in its four equally valid poses.
+classes        names, in the order of the logits
+temperature    with the poses v of one cloud: p = softmax(log(mean over v of softmax(logits_v)) / temperature)
+unknown_below  where the greatest p is less, the cloud is of no known class
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from pec.checkpoint import Checkpoint
+from pec.errors import ConfigError
+from pec.rivals import NearestNeighbours
+
+__all__ = ["export_onnx"]
+
+
+def export_onnx(checkpoint: Checkpoint, path: str | os.PathLike[str]) -> Path:
+    """Write the checkpoint's network to `path`, atomically, and return the path.
+
+    Raises ConfigError where the checkpoint is no network, ImportError where onnx or onnxscript is not installed.
+    """
+    if isinstance(checkpoint.model, NearestNeighbours):
+        raise ConfigError(f"{checkpoint.network} is not a network: there is nothing to export")
+    import onnx  # an extra
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".tmp")
+    example = 0.05 * torch.randn(2, checkpoint.preprocess.n_points, 3, generator=torch.Generator().manual_seed(0))
+    torch.onnx.export(
+        checkpoint.model.cpu().eval(),
+        (example,),
+        str(temporary),
+        dynamo=True,
+        external_data=False,
+        input_names=["points"],
+        output_names=["logits"],
+        dynamic_shapes=({0: torch.export.Dim("batch")},),
+        verbose=False,
+    )
+    model = onnx.load(str(temporary))
+    values = {
+        "preprocess": asdict(checkpoint.preprocess),
+        "classes": checkpoint.classes,
+        "temperature": checkpoint.temperature,
+        "unknown_below": checkpoint.unknown_below,
+    }
+    onnx.helper.set_model_props(model, {name: json.dumps(value) for name, value in values.items()})
+    onnx.save(model, str(temporary))
+    os.replace(temporary, path)
+    return path
