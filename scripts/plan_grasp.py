@@ -20,8 +20,8 @@ from grasping.plan_files import Task, cloud_paths, frame_up, plan_files
 @hydra.main(version_base="1.3", config_path="../conf", config_name="plan")
 def main(cfg: DictConfig) -> None:
     try:
-        results = plan_files(cloud_paths(cfg.cloud), task_of(cfg), Path(cfg.output), command=shlex.join(COMMAND))
-    except (CloudError, ConfigError, FileNotFoundError, OmegaConfBaseException, YAMLError) as error:
+        results = plan_files(cloud_paths(str(cfg.cloud)), task_of(cfg), Path(cfg.output), command=shlex.join(COMMAND))
+    except (CloudError, ConfigError, OSError, OmegaConfBaseException, YAMLError) as error:
         sys.exit(f"plan_grasp: {str(error).splitlines()[0]}")
     print(f"\nresults: {cfg.output}/results.json, to look at: {cfg.output}/plan.html")
     if results["summary"]["failed"]:
@@ -32,11 +32,12 @@ def task_of(cfg: DictConfig) -> Task:
     """Raises ConfigError and OmegaConf's errors for settings that make no sense."""
     chosen = cfg.gripper if cfg.gripper_file is None else OmegaConf.load(cfg.gripper_file)
     gripper = Gripper.from_mapping(OmegaConf.to_container(chosen, resolve=True))
+    up = list(cfg.up) if OmegaConf.is_list(cfg.up) else cfg.up
     return Task(
         planner=made(cfg.planner, gripper=gripper),
         gripper=gripper,
         segmenter=made(cfg.segmenter) if cfg.scene else None,
-        up=frame_up(cfg.frame) if cfg.up is None else OmegaConf.to_container(cfg.up),
+        up=frame_up(cfg.frame) if cfg.up is None else up,
         scale=cfg.scale,
     )
 

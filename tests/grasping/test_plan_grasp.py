@@ -224,6 +224,7 @@ def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> 
         (["cloud=README.md", "gripper.stroke=85"], "gripper.stroke = 85.0 is more than a metre"),
         (["cloud=README.md", "gripper=nowhere.yaml"], "nowhere.yaml"),
         (["cloud=README.md", "+planner.frictoin=1"], "frictoin"),
+        (["cloud=README.md", "up=z"], "up = 'z' is not a vector"),
         (["cloud=README.md", "frame=moon"], "frame = 'moon' must be camera or world"),
         (["cloud=README.md", "+planner.friction=-1"], "friction = -1 must be between"),
     ],
