@@ -46,8 +46,9 @@ class SinglePrimitivePlanner:
         (0.15–0.29) where they belong, and cuboids (0.33–0.42) about the border of 0.40.
     tip_clearance: the fingers are kept this far above a known table, m.
 
-    Size: a box has its extents along its axes. The back of an object is unseen, so the greater of two extents is the
-    diameter of a cylinder, the greatest of three that of a sphere. A known table is the primitive's underside.
+    Size: a box has its extents along its axes. The back of an object is unseen, which shortens one extent, so the
+    greater of the two across a cylinder is its diameter, the middle one of a sphere's three. A known table is the
+    primitive's underside.
     Axes: with `up`, that and the two principal axes of the footprint, since an object rests on a face; without, the
     principal axes, the thinnest one taken for up. A cylinder's axis is up where it is taller than long, else the long
     one.
@@ -141,7 +142,7 @@ def _fit(cloud: FloatArray, name: Primitive, up: FloatArray | None, plane: Float
         low[2] = min(low[2], -plane[3])  # the table's height along its own normal
     size = high - low
     if name == "sphere":
-        size[:] = size.max()
+        size[:] = np.median(size)
     elif name == "cylinder":
         around = [0, 1] if size[2] >= size[0] else [1, 2]
         size[around] = size[around].max()

