@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from grasping_shapes import box_top, grid, moved, standing_can
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
+from omegaconf import DictConfig
 
 from grasping import CloudError, ConfigError, CurvaturePlanner, Segmenter
 from grasping.gripper import ROBOTIQ_2F_140
@@ -41,6 +43,11 @@ def on_a_table(*objects: np.ndarray) -> np.ndarray:
 def table_scene() -> np.ndarray:
     """A box and a can."""
     return on_a_table(moved(box(), x=-0.1), moved(standing_can(0.03, 0.08), x=0.1))
+
+
+def configured(*overrides: str) -> DictConfig:
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        return compose("plan", overrides=["cloud=box.npy", *overrides])
 
 
 def task(**changes: object) -> Task:
@@ -171,9 +178,7 @@ def test_a_cloud_without_an_object_says_so(tmp_path: Path, points: np.ndarray, m
 
 @pytest.mark.parametrize("planner", sorted(path.stem for path in (ROOT / "conf" / "planner").glob("*.yaml")))
 def test_every_configured_planner_plans_a_file_and_leaves_a_page(planner: str, tmp_path: Path, outline) -> None:
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        cfg = compose("plan", overrides=["cloud=box.npy", f"planner={planner}"])
-    own = instantiate(cfg.planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
+    own = instantiate(configured(f"planner={planner}").planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
     name = """a<b>&"quoted' box.npy"""
     np.save(tmp_path / name, box())
     plan_files([tmp_path / name], task(planner=own), tmp_path / "out", say=lambda line: None)
@@ -219,14 +224,9 @@ def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "cloud"),
+        ([], "Missing mandatory value: cloud"),
         (["cloud=nowhere.ply"], "cloud nowhere.ply does not exist"),
-        (["cloud=README.md", "gripper.stroke=85"], "gripper.stroke = 85.0 is more than a metre"),
         (["cloud=README.md", "gripper=nowhere.yaml"], "nowhere.yaml"),
-        (["cloud=README.md", "+planner.frictoin=1"], "frictoin"),
-        (["cloud=README.md", "up=z"], "up = 'z' is not a vector"),
-        (["cloud=README.md", "frame=moon"], "frame = 'moon' must be camera or world"),
-        (["cloud=README.md", "+planner.friction=-1"], "friction = -1 must be between"),
     ],
 )
 def test_a_command_without_sense_ends_with_one_line(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -235,6 +235,29 @@ def test_a_command_without_sense_ends_with_one_line(arguments: list[str], messag
     assert message in ended.stderr
     assert ended.stderr.startswith("plan_grasp: ")
     assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("gripper.stroke=85", r"gripper\.stroke = 85\.0 is more than a metre"),
+        ("+gripper.strok=0.085", r"gripper\.strok is not a field"),
+        ("frame=moon", "frame = 'moon' must be camera or world"),
+        ("up=z", "up = 'z' is not a vector"),
+        ("scale=mm", "scale = 'mm' must be a positive number"),
+        ("+planner.friction=-1", "friction = -1 must be between"),
+        ("+planner.frictoin=1", "CurvaturePlanner: .*frictoin"),
+        ("+segmenter.gap=-1", "gap = -1 must be between"),
+    ],
+)
+def test_a_setting_without_sense_is_refused_by_name_and_value(override: str, message: str) -> None:
+    spec = importlib.util.spec_from_file_location("plan_grasp", ROOT / "scripts" / "plan_grasp.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with pytest.raises(ConfigError, match=message):
+        module.task_of(configured("scene=true", override))
 
 
 def test_the_script_needs_neither_torch_nor_the_simulator() -> None:
