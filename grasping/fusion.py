@@ -23,6 +23,7 @@ MOST_TILT = 0.1  # rad against it
 LEAST_POINTS = 50  # of a view on the voxel grid
 CROWD, LONELY = 8, 3.0  # a point is stray where its 8th neighbour is three times farther than that of most
 MOST_POINTS = 20_000  # that are aligned; larger views are thinned
+SEARCH = 3.0  # times the distance, for a view that does not fit at once
 LEAST_OVERLAP = 0.3  # share of a view's points that have a partner
 WORST_FIT = 0.3  # of the correspondence distance: what does not fit is off by half of it
 SLID = 0.005  # m along a motion that the surfaces leave open
@@ -256,8 +257,18 @@ class _Joining:
         """Align a view with all others that have a place; False where it cannot stay there, with the reason noted."""
         others = [self.surfaces[other].moved(T) for other, T in self.found.items() if other != number]
         target = Surface.joined(others)
-        fit = align(self.surfaces[number], target, start, distance=self.distance, iterations=self.iterations)
-        why = self.refusal(fit, self.views[number].rough)
+        for search in (self.distance, SEARCH * self.distance):
+            fit = align(
+                self.surfaces[number],
+                target,
+                start,
+                distance=self.distance,
+                iterations=self.iterations,
+                search=search,
+            )
+            why = self.refusal(fit, self.views[number].rough)
+            if why is None:
+                break
         if why is None:
             self.found[number], self.fits[number] = fit.T_target_source, fit
             self.reasons.pop(number, None)

@@ -104,8 +104,18 @@ def _least_turn(free: FloatArray, twist: FloatArray) -> tuple[FloatArray, FloatA
     return vt[turns].T @ vt[turns], vt[turns].T @ (u[:, turns].T @ twist[:3] / sizes[turns])
 
 
-def align(source: Surface, target: Surface, start: FloatArray, *, distance: float, iterations: int) -> Alignment:
+def align(
+    source: Surface,
+    target: Surface,
+    start: FloatArray,
+    *,
+    distance: float,
+    iterations: int,
+    search: float | None = None,
+) -> Alignment:
     """Iterative closest points (Chen and Medioni 1992), at most `distance` (m) apart, from T_target_source = `start`.
+
+    search: a larger distance (m) to begin with, for a start that is farther off.
 
     Residuals are weighted by Huber's function. The step leaves out each eigenvector of the normal equations whose
     eigenvalue says that the surfaces do not fix it (Zhang, Kaess and Singh 2016), and of the motions that then fit
@@ -116,16 +126,16 @@ def align(source: Surface, target: Surface, start: FloatArray, *, distance: floa
     few = slice(None, None, max(1, len(source.points) // ALIGNED))
     thin = Surface(source.points[few], source.normals[few], source.oriented)
     tree = cKDTree(target.points)
-    T, reach, narrow = start, distance, min(distance, 3.0 * _spacing(target.points, tree))
+    T, reaches = start, [search or distance, distance, min(distance, 3.0 * _spacing(target.points, tree))]
     for _ in range(iterations):
         here = thin.moved(T)
-        fit = _Fit.of(here, target, tree, reach)
+        fit = _Fit.of(here, target, tree, reaches[0])
         if fit is None:
             break
         T = fit.step @ T
         size = float(np.abs(moved(fit.step, here.points) - here.points).max())
-        if reach > narrow and size < CALM:
-            reach = narrow
+        if len(reaches) > 1 and size < CALM:
+            reaches.pop(0)
         elif size < SETTLED:
             break
     fit = _Fit.of(thin.moved(T), target, tree, distance)
