@@ -181,7 +181,11 @@ def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, cap
         slider = f'<input type="range" min="0" max="{len(grasps) - 1}" value="0" step="1" aria-label="grasp">'
         bar.append(f'<span class="pgv-steps">{slider if len(grasps) > 1 else ""}<output>{first}</output></span>')
     for k, group in enumerate(groups):
-        items = _score_legend(plan) if group == _REGIONS and plan is not None else _label_legend(data["layers"], group)
+        items = (
+            _score_legend(plan, data["layers"])
+            if group == _REGIONS and plan is not None
+            else _label_legend(data["layers"], group)
+        )
         hidden = "" if k == 0 else " hidden"
         legends.append(f'<div class="pgv-legend" data-legend="{html.escape(group)}"{hidden}>{items}</div>')
     words = html.escape(caption)
@@ -204,7 +208,7 @@ def _label_legend(entries: list[dict[str, Any]], group: str) -> str:
     )
 
 
-def _score_legend(plan: GraspPlan) -> str:
+def _score_legend(plan: GraspPlan, entries: list[dict[str, Any]]) -> str:
     scores = [grasp.score for grasp in plan.candidates]
     items = []
     if len(scores) > 1:
@@ -214,7 +218,7 @@ def _score_legend(plan: GraspPlan) -> str:
         )
     elif scores:
         items.append(f'<span><i style="background:rgb{_BEST_RGB}"></i>candidate</span>')
-    if len({grasp.region for grasp in plan.candidates} - {None}) < len(plan.regions):
+    if any(entry["group"] == _REGIONS and entry["rgb"] == list(_REJECTED_RGB) for entry in entries):
         items.append(f'<span><i style="background:rgb{_REJECTED_RGB}"></i>not grasped</span>')
     return "".join(items)
 

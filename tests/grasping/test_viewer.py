@@ -105,6 +105,13 @@ def test_regions_are_coloured_from_the_worst_score_to_the_best_and_carry_their_v
     assert layers[2]["text"][1] == f"too wide {HOSTILE}"
 
 
+def test_the_legend_names_only_colours_that_are_seen(outline) -> None:
+    plan = two_region_plan()
+    assert "not grasped" in outline(page("t", fragment(plan))).text
+    whole = Grasp(np.eye(4), 0.05, 0.9, "primitive")
+    assert "not grasped" not in outline(page("t", fragment(GraspPlan(whole, [whole], plan.regions, None)))).text
+
+
 def test_the_slider_steps_through_the_candidates_with_the_gripper_at_each(outline) -> None:
     plan = two_region_plan()
     html = fragment(plan)
