@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,9 +92,9 @@ class CurvaturePlanner:
         self.n_points = n_points
 
     @staticmethod
-    def published(gripper: Gripper = ROBOTIQ_2F_140) -> PublishedPlanner:
-        """The planner of the dissertation's chapter 5, with its own parameters."""
-        return PublishedPlanner(gripper)
+    def published(gripper: Gripper = ROBOTIQ_2F_140, **left_open: Any) -> PublishedPlanner:
+        """The planner of the dissertation's chapter 5. `PublishedPlanner` names what its text leaves open."""
+        return PublishedPlanner(gripper, **left_open)
 
     def plan(
         self,

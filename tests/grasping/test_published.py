@@ -93,6 +93,14 @@ def test_lengths_may_drift_along_consecutive_regions_but_not_where_all_must_be_a
     assert every.best.kind == "region"
 
 
+def test_the_default_planner_hands_on_what_the_text_leaves_open() -> None:
+    planner = CurvaturePlanner.published(neighbour_divisor=4, cluster_tolerance=0.03)
+    assert isinstance(planner, PublishedPlanner)
+    assert (planner.neighbour_divisor, planner.cluster_tolerance) == (4, 0.03)
+    with pytest.raises(ConfigError, match="neighbour_divisor"):
+        CurvaturePlanner.published(neighbour_divisor=0)
+
+
 def test_a_region_is_turned_to_its_own_axes() -> None:
     # A tapered body with a bent handle: in the handle's slabs the object's axes are not the region's.
     body = box_top(0.080, 0.060, 0.03, step=0.004)
