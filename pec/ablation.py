@@ -35,6 +35,7 @@ _BESIDE_CODE = (
     "charts.py",
     "sweep.py",
     "onnx_export.py",
+    "corruptions.py",
     "robustness.py",
     "tracking.py",
 )

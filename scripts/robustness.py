@@ -1,0 +1,28 @@
+"""Classify corrupted test clouds with trained classifiers: `python scripts/robustness.py runs=[DIR,DIR]`."""
+
+import json
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from pec.errors import CheckpointError, ConfigError, DatasetError
+from pec.robustness import measure_robustness, robustness_table
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="robustness")
+def main(cfg: DictConfig) -> None:
+    try:
+        rows = measure_robustness(list(cfg.runs), data=cfg.data, seed=cfg.seed, progress=cfg.progress)
+    except (CheckpointError, ConfigError, DatasetError) as error:
+        sys.exit(f"robustness: {error}")
+    table = robustness_table(rows)
+    print(table)
+    output = Path(cfg.output)
+    (output / "table.md").write_text(table)
+    (output / "results.json").write_text(json.dumps({"rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
