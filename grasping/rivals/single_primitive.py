@@ -29,7 +29,7 @@ class _Fit:
 
     @property
     def stands(self) -> bool:
-        return bool(self.size[2] >= self.size[0])
+        return bool(self.size[2] > self.size[0])
 
 
 class SinglePrimitivePlanner:
@@ -144,7 +144,7 @@ def _fit(cloud: FloatArray, name: Primitive, up: FloatArray | None, plane: Float
     if name == "sphere":
         size[:] = np.median(size)
     elif name == "cylinder":
-        around = [0, 1] if size[2] >= size[0] else [1, 2]
+        around = [0, 1] if size[2] > size[0] else [1, 2]
         size[around] = size[around].max()
     return _Fit(name, axes @ (0.5 * (low + high)), axes, size)
 

@@ -30,7 +30,9 @@ def test_a_ball_is_a_sphere_held_across_its_diameter_at_its_centre() -> None:
     assert plan.best is not None
     assert [region.primitive for region in plan.regions] == ["sphere"]
     assert plan.best.width == pytest.approx(0.070, abs=0.002)
-    np.testing.assert_allclose(plan.best.pose[:3, 3], [0, 0, 0.035], atol=0.003)
+    np.testing.assert_allclose(plan.best.pose[:2, 3], 0.0, atol=0.003)
+    assert [grasp.terms["side"] for grasp in plan.candidates] == [0.0] * 2 + [1.0] * 4
+    assert plan.candidates[2].pose[2, 3] == pytest.approx(0.035, abs=0.003)
 
 
 def test_a_standing_can_is_a_cylinder_held_from_its_side_and_then_from_its_top() -> None:
