@@ -181,11 +181,11 @@ def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, cap
         slider = f'<input type="range" min="0" max="{len(grasps) - 1}" value="0" step="1" aria-label="grasp">'
         bar.append(f'<span class="pgv-steps">{slider if len(grasps) > 1 else ""}<output>{first}</output></span>')
     for k, group in enumerate(groups):
-        items = (
-            _score_legend(plan, data["layers"])
-            if group == _REGIONS and plan is not None
-            else _label_legend(data["layers"], group)
-        )
+        entries = data["layers"]
+        if group == _REGIONS and plan is not None:
+            items = _score_legend(plan, entries)
+        else:
+            items = _label_legend(entries, group)
         hidden = "" if k == 0 else " hidden"
         legends.append(f'<div class="pgv-legend" data-legend="{html.escape(group)}"{hidden}>{items}</div>')
     words = html.escape(caption)
