@@ -86,7 +86,7 @@ def too_wide(path: Path) -> object:
     return pytest.param(path, marks=marks if path.stem == "panda_hand" else (), id=path.stem)
 
 
-@pytest.mark.parametrize("path", map(too_wide, GRIPPERS))
+@pytest.mark.parametrize("path", [too_wide(path) for path in GRIPPERS])
 def test_each_gripper_says_why_it_leaves_what_does_not_fit(path: Path) -> None:
     gripper = loaded(path)
     box = box_top(1.6 * gripper.stroke, 1.5 * gripper.stroke, 0.06)
