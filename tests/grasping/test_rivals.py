@@ -1,4 +1,4 @@
-"""What holds for every rival and every cloud: motion, order, repetition, and clouds that are none."""
+"""What holds for the published planner, each rival and each cloud: motion, order, repetition, and what is no cloud."""
 
 import warnings
 
@@ -9,10 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from grasping import CentroidPlanner, CloudError, ConfigError, GeoGraspPlanner, GraspPlan, SinglePrimitivePlanner
+from grasping import (
+    CentroidPlanner,
+    CloudError,
+    ConfigError,
+    GeoGraspPlanner,
+    GraspPlan,
+    PublishedPlanner,
+    SinglePrimitivePlanner,
+)
 
-RIVALS = [CentroidPlanner(), GeoGraspPlanner(n_grasps=4), SinglePrimitivePlanner()]
-Rival = CentroidPlanner | GeoGraspPlanner | SinglePrimitivePlanner
+RIVALS = [PublishedPlanner(), CentroidPlanner(), GeoGraspPlanner(n_grasps=4), SinglePrimitivePlanner()]
+Rival = PublishedPlanner | CentroidPlanner | GeoGraspPlanner | SinglePrimitivePlanner
 each_rival = pytest.mark.parametrize("planner", RIVALS, ids=lambda planner: type(planner).__name__)
 
 
