@@ -18,12 +18,14 @@ __all__ = ["Augment", "augment"]
 class Augment:
     """Strengths; all zero does nothing.
 
+    subset: share of the candidates that are kept, the same ones throughout a batch; 1 keeps all.
     remove: greatest fraction missing around a random point (occlusion, dark or shiny spots).
     crop: greatest fraction missing beyond a random plane (a strip that the segmenter gave to the table).
     jitter: standard deviation of each coordinate, metres. scale: relative range of the size, ±.
     yaw: range of a rotation about the z axis, ± degrees. mirror: probability of mirroring x.
     """
 
+    subset: float = 1.0
     remove: float = 0.0
     crop: float = 0.0
     jitter: float = 0.0
@@ -35,6 +37,8 @@ class Augment:
         for name in ("remove", "crop", "mirror", "scale"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"augment.{name} must be in [0, 1], got {getattr(self, name)}")
+        if not 0 < self.subset <= 1:
+            raise ConfigError(f"augment.subset must be in (0, 1], got {self.subset}")
         if self.jitter < 0:
             raise ConfigError(f"augment.jitter must not be negative, got {self.jitter}")
 
@@ -46,7 +50,7 @@ class Augment:
 def augment(
     points: torch.Tensor, valid: torch.Tensor, settings: Augment, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Changed `points` (B, K, 3) and `valid` (B, K); each cloud keeps at least one point.
+    """Changed `points` (B, K, 3) and `valid` (B, K), K less where a subset is kept; each cloud keeps a point at least.
 
     All draws come from `generator`, whatever the settings leave unused: equal seeds, equal clouds.
     """
@@ -59,6 +63,11 @@ def augment(
     def normal(*shape: int) -> torch.Tensor:
         return torch.randn(shape, generator=generator, device=generator.device).to(device)
 
+    if settings.subset < 1:
+        # The first column is always kept: in it no cloud is padded.
+        rest = 1 + torch.rand(points.shape[1] - 1, generator=generator, device=generator.device).argsort().to(device)
+        index = torch.cat([rest.new_zeros(1), rest[: round(settings.subset * points.shape[1]) - 1]])
+        points, valid = points[:, index], valid[:, index]
     if settings.remove:
         centre_score = uniform(*valid.shape).masked_fill(~valid, -1.0)
         centre = points[torch.arange(batch, device=device), centre_score.argmax(dim=1), None]

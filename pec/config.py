@@ -41,12 +41,14 @@ class ModelConfig:
 @dataclass(frozen=True)
 class ProtocolConfig:
     """selection: "validation" (honest: the epoch is chosen on a part cut from train, test is read once at the end) or
-    "evaluation split" (published: the best epoch on the split that is also reported). batch_size None: full batch."""
+    "evaluation split" (published: the best epoch on the split that is also reported). batch_size None: full batch.
+    initial_weights: torch's "default", or "scaled" to the data (`pec.initialise`)."""
 
     selection: str = "validation"
     epochs: int = 60
     batch_size: int | None = 128
     learning_rate: float = 0.002
+    initial_weights: str = "default"
     schedule: str = "one_cycle"
     weight_decay: float = 0.01
     label_smoothing: float = 0.1
@@ -86,6 +88,7 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     protocol, dataset = config.protocol, config.dataset
     _one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
     _one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
+    _one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
     _one_of("model.name", config.model.name, tuple(MODELS))
     _one_of("device", config.device, ("auto", "cpu", "cuda"))
@@ -104,6 +107,10 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     ):
         if not 0 < share < 1:
             raise ConfigError(f"{name} must be between 0 and 1, got {share}")
+    if config.model.name == "pec2" and config.preprocess.ordering != "mirrored_anchors":
+        raise ConfigError(
+            f"model pec2 takes points in preprocess.ordering 'mirrored_anchors', got {config.preprocess.ordering!r}"
+        )
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config

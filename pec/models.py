@@ -9,12 +9,14 @@ from torch import nn
 
 from pec.fused import FusedPEC
 from pec.network import PEC
+from pec.pec2 import PEC2
 from pec.rivals import DGCNN, NearestNeighbours, PointMLPElite, PointNet, PointNet2, VanillaPointNet
 
 __all__ = ["MODELS", "build_model", "fast_forward"]
 
 MODELS: dict[str, Callable[[int, int], nn.Module]] = {
     "pec": PEC,
+    "pec2": PEC2,
     "pointnet": PointNet,
     "pointnet_vanilla": VanillaPointNet,
     "pointnet2": PointNet2,

@@ -89,7 +89,7 @@ def _prepared(arrays: dict[str, np.ndarray], dataset: CloudDataset) -> PreparedC
 
 def _key(dataset: CloudDataset, preprocess: Preprocess, removed: float, seed: int) -> str:
     digest = hashlib.sha256()
-    sampling = {name: asdict(preprocess)[name] for name in ("n_points", "n_candidates", "start")}
+    sampling = {name: asdict(preprocess)[name] for name in ("n_points", "n_candidates", "sampling", "start")}
     digest.update(json.dumps([1, sampling, removed, seed, dataset.fingerprint]).encode())
     for array in (dataset.offsets, dataset.labels, dataset.instances):
         digest.update(array.tobytes())

@@ -2,11 +2,14 @@
 
 Two steps, because the first is slow and needs the raw cloud, and the second is quick and must follow each augmentation:
 
-1. `Preprocess.sample`: centre, then farthest point sampling to at most `n_candidates` points (NumPy, one cloud).
+1. `Preprocess.sample`: centre, then at most `n_candidates` points, by farthest point sampling (FPS) or by chance
+   (NumPy, one cloud).
 2. `Preprocess.arrange`: pose, then ordering, to exactly `n_points` points (torch, a batch).
 
 Published (the dissertation's): n_candidates = n_points, pose "given", ordering "groups" (or "none").
 Canonical (ours): turn the cloud to its principal axes and let each of n fixed positions take its nearest candidate.
+Upright (ours): the same for clouds that stand upright and face along x or y, as given, and without FPS: what the
+nearest of 1,000 points says of a surface, the nearest of 128 says less exactly.
 """
 
 from __future__ import annotations
@@ -17,13 +20,15 @@ import numpy as np
 import torch
 
 from pec.errors import CloudError, ConfigError
-from pec.ordering import anchor_positions, group_order, nearest_candidates
+from pec.ordering import anchor_positions, group_order, mirrored_anchor_positions, nearest_candidates
 from pec.pose import principal_pose
 
 __all__ = ["Preprocess", "check_cloud", "farthest_point_sampling"]
 
-ORDERINGS = ("none", "groups", "anchors")
-POSES = ("given", "principal")
+ORDERINGS = ("none", "groups", "anchors", "mirrored_anchors")
+POSES = ("given", "principal", "upright")
+# The given cloud and its mirror images in the vertical planes: as likely where front and back or left and right are.
+_MIRRORS = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0))
 
 
 def check_cloud(points: np.ndarray, n_points: int) -> np.ndarray:
@@ -72,14 +77,18 @@ def farthest_point_sampling(points: np.ndarray, n: int, start: int) -> np.ndarra
 class Preprocess:
     """How a cloud becomes the network's input; part of a checkpoint.
 
-    n_points: points that the network takes. n_candidates: points that FPS leaves for the ordering to pick from.
+    n_points: points that the network takes. n_candidates: points that are left for the ordering to pick from.
+    sampling: how they are picked: "farthest" (FPS), or "random" (all, of a cloud that has no more).
     start: "random" first point of FPS (published), or "farthest" from the centroid (no chance in it).
-    pose: "given", or "principal" (axes of the cloud's covariance, signs by third moments).
-    ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions).
+    pose: "given", "principal" (axes of the cloud's covariance, signs by third moments), or "upright" (as given, and
+    mirrored in x, in y and in both: four views).
+    ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions),
+    "mirrored_anchors" (a set of fixed positions that is its own mirror image).
     """
 
     n_points: int = 64
     n_candidates: int = 64
+    sampling: str = "farthest"
     start: str = "random"
     pose: str = "given"
     ordering: str = "groups"
@@ -90,13 +99,19 @@ class Preprocess:
             raise ConfigError(f"preprocess.ordering must be one of {ORDERINGS}, got {self.ordering!r}")
         if self.pose not in POSES:
             raise ConfigError(f"preprocess.pose must be one of {POSES}, got {self.pose!r}")
+        if self.sampling not in ("farthest", "random"):
+            raise ConfigError(f"preprocess.sampling must be 'farthest' or 'random', got {self.sampling!r}")
         if self.start not in ("random", "farthest"):
             raise ConfigError(f"preprocess.start must be 'random' or 'farthest', got {self.start!r}")
         if self.n_points < 2 or self.n_points % 2:
             raise ConfigError(f"preprocess.n_points must be even and positive, got {self.n_points}")
         if self.n_candidates < self.n_points:
             raise ConfigError(f"preprocess.n_candidates {self.n_candidates} is less than n_points {self.n_points}")
-        if self.ordering != "anchors" and self.n_candidates != self.n_points:
+        if self.ordering == "mirrored_anchors" and self.n_points % 64:
+            raise ConfigError(
+                f"preprocess.ordering 'mirrored_anchors' needs n_points to be a multiple of 64, got {self.n_points}"
+            )
+        if self.ordering in ("none", "groups") and self.n_candidates != self.n_points:
             raise ConfigError(
                 f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
             )
@@ -105,8 +120,8 @@ class Preprocess:
 
     @property
     def n_views(self) -> int:
-        """In how many equally valid poses a cloud can be arranged: 4 where the signs of the axes are open."""
-        return 4 if self.pose == "principal" else 1
+        """In how many equally valid poses a cloud can be arranged: 4 where the signs of two axes are open."""
+        return 1 if self.pose == "given" else 4
 
     def sample(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Centred candidates (K, 3) float32, n_points ≤ K ≤ n_candidates, of a raw cloud (N, 3) in metres.
@@ -116,6 +131,8 @@ class Preprocess:
         points = check_cloud(points, self.n_points)
         centred = (points - points.mean(axis=0, dtype=np.float64)).astype(np.float32)
         n = min(self.n_candidates, len(centred))
+        if self.sampling == "random":
+            return centred if n == len(centred) else centred[rng.choice(len(centred), n, replace=False)]
         start = int(rng.integers(len(centred))) if self.start == "random" else int((centred**2).sum(axis=1).argmax())
         return centred[farthest_point_sampling(centred, n, start)]
 
@@ -130,7 +147,10 @@ class Preprocess:
         if self.ordering == "groups":
             order = group_order(candidates, self.group_size)
         else:
-            candidates = principal_pose(candidates, valid, view) if self.pose == "principal" else candidates
-            anchors = anchor_positions(self.n_points).to(candidates)
-            order = nearest_candidates(candidates, valid, anchors)
+            if self.pose == "principal":
+                candidates = principal_pose(candidates, valid, view)
+            elif self.pose == "upright" and view is not None:
+                candidates = candidates * torch.tensor(_MIRRORS).to(candidates)[view, None]
+            positions = anchor_positions if self.ordering == "anchors" else mirrored_anchor_positions
+            order = nearest_candidates(candidates, valid, positions(self.n_points).to(candidates))
         return candidates.gather(1, order[..., None].expand(-1, -1, 3))

@@ -25,6 +25,7 @@ from pec.clouds import CloudDataset, load_dataset
 from pec.config import DatasetConfig, TrainConfig, read_config
 from pec.errors import ConfigError, DatasetError
 from pec.evaluation import predict_log_probabilities, score
+from pec.initialise import scale_initial_weights
 from pec.models import build_model
 from pec.prepared import PreparedClouds, prepare
 from pec.report import report
@@ -35,6 +36,7 @@ from pec.tracking import Tracker
 
 __all__ = ["train"]
 
+_SCALING_CLOUDS = 512  # that initial weights are scaled to
 _CURVES = ("train_loss", "train_accuracy", "selection_loss", "selection_accuracy", "learning_rate")
 
 
@@ -145,6 +147,10 @@ class _Run:
             static = config.preprocess.arrange(training.candidates, training.valid)
         batch_size = min(protocol.batch_size or len(training), len(training))
         n_steps = math.ceil(len(training) / batch_size)
+        if self.epoch == 0 and self.optimizer and protocol.initial_weights == "scaled":
+            generator = torch.Generator().manual_seed(config.seed)
+            index = torch.randperm(len(training), generator=generator)[:_SCALING_CLOUDS].to(self.device)
+            scale_initial_weights(self.model, self._draw(training, index, generator), config.seed)
         with Tracker(self.output / "tensorboard", self.epoch) as tracker:
             bar = tqdm(
                 range(self.epoch, self.n_epochs),

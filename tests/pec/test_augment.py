@@ -79,3 +79,14 @@ def test_scale_mirror_and_jitter_keep_to_their_ranges():
 def test_senseless_strength_is_named():
     with pytest.raises(ConfigError, match=r"augment\.remove must be in \[0, 1\], got 1\.5"):
         Augment(remove=1.5)
+
+
+def test_subset_keeps_its_share_and_every_cloud():
+    points, valid, kept, kept_valid = _augment(subset=0.3)
+    assert kept.shape == (50, 30, 3)
+    columns = [(points[0] == column).all(dim=1).nonzero().item() for column in kept[0]]
+    assert len(set(columns)) == 30
+    assert kept.equal(points[:, columns])
+    assert kept_valid.equal(valid[:, columns])
+    padded = torch.arange(100) < torch.ones(4, 1)
+    assert augment(points[:4], padded, Augment(subset=0.05), torch.Generator())[1].sum(dim=1).tolist() == [1] * 4

@@ -165,8 +165,32 @@ def test_bad_cloud_is_an_error_that_says_why(cloud, message):
         {"n_candidates": 32},
         {"n_candidates": 128},
         {"n_points": 63},
+        {"n_points": 96, "n_candidates": 128, "ordering": "mirrored_anchors"},
+        {"sampling": "nearest"},
     ],
 )
 def test_senseless_settings_are_an_error(settings):
     with pytest.raises(ConfigError, match=next(iter(settings))):
         Preprocess(**settings)
+
+
+def test_random_sampling_takes_all_points_or_some_of_them_once():
+    cloud = _lopsided(np.random.default_rng(0), 300)
+    centred = (cloud - cloud.mean(axis=0, dtype=float)).astype(np.float32)
+    sampled = [
+        Preprocess(n_candidates=n, sampling="random", ordering="anchors").sample(cloud, np.random.default_rng(0))
+        for n in (400, 100)
+    ]
+    assert np.array_equal(sampled[0], centred)
+    rows = set(map(tuple, sampled[1].tolist()))
+    assert len(rows) == 100
+    assert rows < set(map(tuple, centred.tolist()))
+
+
+def test_views_of_an_upright_cloud_are_its_mirror_images():
+    preprocess = Preprocess(n_candidates=300, sampling="random", pose="upright", ordering="anchors")
+    points = torch.from_numpy(_lopsided(np.random.default_rng(3)))[None]
+    valid = torch.ones(points.shape[:2], dtype=torch.bool)
+    for view, signs in enumerate([(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1)]):
+        mirrored = points * torch.tensor(signs)
+        assert preprocess.arrange(points, valid, torch.tensor([view])).equal(preprocess.arrange(mirrored, valid))
