@@ -2,17 +2,42 @@
 
 plan = CurvaturePlanner(ROBOTIQ_2F_140).plan(points, up=(0, 0, 1))
 plan.best.pose, plan.best.width
+
+`compiled` says whether this installation has the compiled kernels of the default planner; without them it plans the
+same with NumPy alone, more slowly.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from grasping.errors import CloudError, ConfigError
-from grasping.fusion import Fused, FusedView, fuse
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.kernels import AVAILABLE as compiled
 from grasping.planner import CurvaturePlanner
-from grasping.published import PublishedPlanner
-from grasping.rivals import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
-from grasping.scene import Rejected, Scene, Segmenter
-from grasping.selective import Selection, SelectiveGrasper
+
+if TYPE_CHECKING:
+    from grasping.fusion import Fused, FusedView, fuse
+    from grasping.published import PublishedPlanner
+    from grasping.rivals import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
+    from grasping.scene import Rejected, Scene, Segmenter
+    from grasping.selective import Selection, SelectiveGrasper
+
+# These load SciPy, which takes longer than all else here: on their first use.
+_LATER = {
+    "Fused": "fusion",
+    "FusedView": "fusion",
+    "fuse": "fusion",
+    "PublishedPlanner": "published",
+    "CentroidPlanner": "rivals",
+    "GeoGraspPlanner": "rivals",
+    "SinglePrimitivePlanner": "rivals",
+    "Rejected": "scene",
+    "Scene": "scene",
+    "Segmenter": "scene",
+    "Selection": "selective",
+    "SelectiveGrasper": "selective",
+}
 
 __all__ = [
     "ROBOTIQ_2F_140",
@@ -34,5 +59,17 @@ __all__ = [
     "Selection",
     "SelectiveGrasper",
     "SinglePrimitivePlanner",
+    "compiled",
     "fuse",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value = getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})

@@ -27,25 +27,39 @@ static double across(const Axis *axis, double x, double y) { return (axis->cosin
 /* The outermost coordinates on either side, in each row of the pad's width; those of the second side backwards. */
 typedef struct {
     double least[2][CONTOUR_ROWS];
-    ptrdiff_t count;
 } Contour;
 
-static Contour draw_contour(Points points, const Axis *axis, double tip, double half, double reach)
+/* Points between the pads: rows u (along), v (across) and height, of `capacity` each. */
+typedef struct {
+    double *u, *v, *height;
+    ptrdiff_t count;
+} Strip;
+
+static void gather(Strip *strip, Points points, const Axis *axis, double half, double reach)
+{
+    ptrdiff_t count = 0;
+    for (ptrdiff_t i = 0; i < points.count; i++) { /* written always and kept sometimes: a branch would be guessed wrong */
+        const double u = along(axis, points.x[i], points.y[i]), v = across(axis, points.x[i], points.y[i]);
+        strip->u[count] = u;
+        strip->v[count] = v;
+        strip->height[count] = points.height[i];
+        count += (fabs(v) <= half) & (fabs(u) <= reach);
+    }
+    strip->count = count;
+}
+
+static Contour draw_contour(const Strip *strip, double half)
 {
     Contour contour;
-    contour.count = 0;
     for (int side = 0; side < 2; side++)
         for (int row = 0; row < CONTOUR_ROWS; row++)
             contour.least[side][row] = INFINITY;
-    for (ptrdiff_t i = 0; i < points.count; i++) {
-        const double u = along(axis, points.x[i], points.y[i]), v = across(axis, points.x[i], points.y[i]);
-        if (!(points.height[i] > tip && fabs(v) <= half && fabs(u) <= reach))
-            continue;
-        const int row = (int)((v + half) * (CONTOUR_ROWS / (2 * half)));
+    for (ptrdiff_t i = 0; i < strip->count; i++) {
+        const double u = strip->u[i];
+        const int row = (int)((strip->v[i] + half) * (CONTOUR_ROWS / (2 * half)));
         double *least = &contour.least[0][row < CONTOUR_ROWS ? row : CONTOUR_ROWS - 1];
         least[0] = u < least[0] ? u : least[0];
         least[CONTOUR_ROWS] = -u < least[CONTOUR_ROWS] ? -u : least[CONTOUR_ROWS];
-        contour.count++;
     }
     return contour;
 }
@@ -90,29 +104,26 @@ static double support(const double contour[CONTOUR_ROWS], double outermost)
 }
 
 /* How far the surface that each side touches stands above the tip, the lower one. */
-static double overlap(Points points, const Axis *axis, double tip, double half, double reach, const double outer[2])
+static double overlap(const Strip *strip, double tip, const double outer[2])
 {
     double top[2] = {-INFINITY, -INFINITY};
-    for (ptrdiff_t i = 0; i < points.count; i++) {
-        const double u = along(axis, points.x[i], points.y[i]), v = across(axis, points.x[i], points.y[i]);
-        const double height = points.height[i];
-        if (!(height > tip && fabs(v) <= half && fabs(u) <= reach))
-            continue;
-        if (u <= outer[0] + CONTACT_BAND && height > top[0])
+    for (ptrdiff_t i = 0; i < strip->count; i++) {
+        const double height = strip->height[i];
+        if (strip->u[i] <= outer[0] + CONTACT_BAND && height > top[0])
             top[0] = height;
-        if (-u <= outer[1] + CONTACT_BAND && height > top[1])
+        if (-strip->u[i] <= outer[1] + CONTACT_BAND && height > top[1])
             top[1] = height;
     }
     return (top[1] < top[0] ? top[1] : top[0]) - tip;
 }
 
 /* Free space beside start … end. What is nearer than TOUCHING belongs to the contact itself. */
-static double gap(Points points, const Axis *axis, double tip, double half, double start, double end, double most)
+static double gap(Points points, const Axis *axis, double half, double start, double end, double most)
 {
     const double middle = 0.5 * (start + end), half_width = 0.5 * (end - start);
     for (ptrdiff_t i = 0; i < points.count; i++) {
         const double distance = fabs(along(axis, points.x[i], points.y[i]) - middle) - half_width;
-        if (distance < most && distance >= TOUCHING && points.height[i] > tip &&
+        if (distance < most && distance >= TOUCHING &&
             fabs(across(axis, points.x[i], points.y[i])) <= half + BESIDE)
             most = distance;
     }
@@ -138,11 +149,13 @@ int refine_holds(
     const double *width, ptrdiff_t count, double pad_width, double wished_room, double *contacts)
 {
     const ptrdiff_t most = object.count > others.count ? object.count : others.count;
-    if ((size_t)most > SIZE_MAX / (3 * sizeof(double)) - 1)
+    if ((size_t)most > SIZE_MAX / (6 * sizeof(double)) - 1)
         return OUT_OF_MEMORY;
-    double *memory = malloc(3 * sizeof(double) * ((size_t)most + 1));
+    double *memory = malloc(6 * sizeof(double) * ((size_t)most + 1));
     if (!memory)
         return OUT_OF_MEMORY;
+    double *spare = memory + 3 * (most + 1);
+    Strip strip = {spare, spare + most + 1, spare + 2 * (most + 1), 0};
     const double half = 0.5 * pad_width;
     for (ptrdiff_t i = 0; i < count; i++) {
         const double reach = 0.5 * width[i] + SEARCH;
@@ -152,15 +165,17 @@ int refine_holds(
         const Points near = near_points(object, x[i], y[i], tip[i], far, memory);
         double turned = heading[i], at_x = x[i], at_y = y[i];
         Axis axis = axis_of(turned, at_x, at_y);
-        Contour contour = draw_contour(near, &axis, tip[i], half, reach);
+        Contour contour;
         double slopes[2], outer[2], start, end;
         int empty;
         for (int step = 0;; step++) {
+            gather(&strip, near, &axis, half, reach);
+            contour = draw_contour(&strip, half);
             slopes[0] = slope(contour.least[0], pad_width);
             slopes[1] = -slope(contour.least[1], pad_width);
             outer[0] = outermost(contour.least[0]);
             outer[1] = outermost(contour.least[1]);
-            empty = !isfinite(outer[0]) || contour.count < 3;
+            empty = !isfinite(outer[0]) || strip.count < 3;
             if (empty)
                 outer[0] = outer[1] = 0.0;
             start = outer[0];
@@ -173,7 +188,6 @@ int refine_holds(
             const double turn = atan(0.5 * (slopes[0] + slopes[1]));
             turned -= turn > MOST_TURN ? MOST_TURN : (turn < -MOST_TURN ? -MOST_TURN : turn);
             axis = axis_of(turned, at_x, at_y);
-            contour = draw_contour(near, &axis, tip[i], half, reach);
         }
         const double one = support(contour.least[0], outer[0]), other = support(contour.least[1], outer[1]);
         const double left = fabs(atan(slopes[0])), right = fabs(atan(slopes[1]));
@@ -184,10 +198,10 @@ int refine_holds(
         to[CONTACT_WIDTH * count] = end - start;
         to[CONTACT_ANGLE * count] = right > left ? right : left;
         to[CONTACT_SHARE * count] = other < one ? other : one;
-        to[CONTACT_OVERLAP * count] = empty ? 0.0 : overlap(near, &axis, tip[i], half, reach, outer);
-        const double free_space = gap(near, &axis, tip[i], half, start, end, wished_room);
+        to[CONTACT_OVERLAP * count] = empty ? 0.0 : overlap(&strip, tip[i], outer);
+        const double free_space = gap(near, &axis, half, start, end, wished_room);
         to[CONTACT_GAP * count] = gap(
-            near_points(others, x[i], y[i], tip[i], far, memory), &axis, tip[i], half, start, end, free_space);
+            near_points(others, x[i], y[i], tip[i], far, memory), &axis, half, start, end, free_space);
         to[CONTACT_EMPTY * count] = empty;
     }
     free(memory);

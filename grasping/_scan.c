@@ -28,7 +28,8 @@ typedef struct {
 static double least(double a, double b) { return b < a ? b : a; }
 static float highest(float a, float b) { return b > a ? b : a; }
 
-static void draw(Map map, Points points, double cosine, double sine, double row)
+/* first, last: of the columns that the points take. */
+static void draw(Map map, Points points, double cosine, double sine, double row, ptrdiff_t *first, ptrdiff_t *last)
 {
     const ptrdiff_t stride = map.columns + 2;
     for (ptrdiff_t i = 0; i < (map.lines + 2) * stride; i++)
@@ -36,22 +37,27 @@ static void draw(Map map, Points points, double cosine, double sine, double row)
     const double per_column = 1.0 / X_STEP, per_line = 1.0 / row;
     const double middle_column = 0.5 * (double)map.columns + 1.0, middle_line = 0.5 * (double)map.lines + 1.0;
     const double last_column = (double)(map.columns + 1), last_line = (double)(map.lines + 1);
+    double least_column = last_column, most_column = 0.0;
     for (ptrdiff_t i = 0; i < points.count; i++) {
         double column = (cosine * points.x[i] + sine * points.y[i]) * per_column + middle_column;
         double line = (cosine * points.y[i] - sine * points.x[i]) * per_line + middle_line;
         column = column > 0.0 ? least(column, last_column) : 0.0; /* NaN is outside as well */
         line = line > 0.0 ? least(line, last_line) : 0.0;
+        least_column = least(least_column, column);
+        most_column = column > most_column ? column : most_column;
         float *cell = map.cells + (ptrdiff_t)line * stride + (ptrdiff_t)column;
         *cell = highest(*cell, (float)points.height[i]);
     }
+    *first = (ptrdiff_t)least_column > 1 ? (ptrdiff_t)least_column - 1 : 0;
+    *last = (ptrdiff_t)most_column - 1 < map.columns ? (ptrdiff_t)most_column - 1 : map.columns - 1;
 }
 
-/* Greatest height under a pad that covers this line, the next and the one after. */
-static void band(Map map, ptrdiff_t line, float *out)
+/* Greatest height under a pad that covers this line, the next and the one after; from one column to another. */
+static void band(Map map, ptrdiff_t line, ptrdiff_t from, ptrdiff_t to, float *out)
 {
     const float *first = map.cells + (line + 1) * (map.columns + 2) + 1;
     const float *second = first + map.columns + 2, *third = second + map.columns + 2;
-    for (ptrdiff_t i = 0; i < map.columns; i++)
+    for (ptrdiff_t i = from; i <= to; i++)
         out[i] = highest(highest(first[i], second[i]), third[i]);
 }
 
@@ -143,7 +149,7 @@ typedef struct {
     Map map;
     const ScanSettings *settings;
     double row;
-    ptrdiff_t heading, line; /* line: within the map */
+    ptrdiff_t heading, line, first, last; /* line: within the map; first and last column that the object takes */
     const float *bands, *walls, *beside; /* walls and beside: from `wished` bins before the first one on */
     ptrdiff_t *ends;
     Best *best;
@@ -236,27 +242,25 @@ static void highest_in_window(float *values, ptrdiff_t count, ptrdiff_t size)
 
 static void scan_line(Line *at, Map others, float *bands, float *walls, float *beside, float lowest)
 {
-    const ptrdiff_t nx = at->map.columns, wished = at->settings->wished, padded = nx + 2 * wished;
-    band(at->map, at->line, bands);
-    ptrdiff_t from = 0, to = nx - 1;
-    while (from < nx && !(bands[from] > lowest))
+    const ptrdiff_t wished = at->settings->wished;
+    ptrdiff_t from = at->first, to = at->last;
+    band(at->map, at->line, from, to, bands);
+    while (from <= to && !(bands[from] > lowest))
         from++;
     while (to > from && !(bands[to] > lowest))
         to--;
-    if (from == nx)
+    if (from > to)
         return;
-    for (ptrdiff_t i = 0; i < wished; i++)
-        walls[i] = walls[wished + nx + i] = -INFINITY;
-    if (others.cells) {
-        band(others, at->line, walls + wished);
-        for (ptrdiff_t i = 0; i < nx; i++)
-            walls[wished + i] = highest(walls[wished + i], bands[i]);
-    } else
-        for (ptrdiff_t i = 0; i < nx; i++)
-            walls[wished + i] = bands[i];
-    for (ptrdiff_t i = 0; i < padded; i++)
+    for (ptrdiff_t i = from; i <= to + 2 * wished; i++)
+        walls[i] = -INFINITY;
+    if (others.cells)
+        band(others, at->line, from > wished ? from - wished : 0,
+             to + wished < others.columns ? to + wished : others.columns - 1, walls + wished);
+    for (ptrdiff_t i = at->first > from - wished ? at->first : from - wished; i <= at->last && i <= to + wished; i++)
+        walls[wished + i] = highest(walls[wished + i], bands[i]);
+    for (ptrdiff_t i = from; i <= to + 2 * wished; i++)
         beside[i] = walls[i];
-    highest_in_window(beside, padded, at->settings->finger);
+    highest_in_window(beside + from, to + 2 * wished - from + 1, at->settings->finger);
     for (ptrdiff_t tip = 0; tip < at->settings->tip_count; tip++)
         pair(at, tip, from, to);
 }
@@ -288,11 +292,13 @@ int scan_holds(Points object, Points others, const ScanSettings *settings, doubl
         for (ptrdiff_t tip = 0; tip < settings->tip_count; tip++)
             lowest = (float)settings->tips[tip] < lowest ? (float)settings->tips[tip] : lowest;
         best->count = 0;
-        Line at = {map, settings, row, 0, 0, bands, walls, beside, ends, best, result};
+        Line at = {map, settings, row, 0, 0, 0, 0, bands, walls, beside, ends, best, result};
         for (; at.heading < settings->heading_count; at.heading++) {
-            draw(map, object, settings->cosines[at.heading], settings->sines[at.heading], row);
+            const double cosine = settings->cosines[at.heading], sine = settings->sines[at.heading];
+            ptrdiff_t any;
             if (around.cells)
-                draw(around, others, settings->cosines[at.heading], settings->sines[at.heading], row);
+                draw(around, others, cosine, sine, row, &any, &any);
+            draw(map, object, cosine, sine, row, &at.first, &at.last);
             for (at.line = 0; at.line < ny - 2; at.line++)
                 scan_line(&at, around, bands, walls, beside, lowest);
         }

@@ -16,10 +16,12 @@ static double least(double a, double b) { return b < a ? b : a; }
 static double greatest(double a, double b) { return b > a ? b : a; }
 
 /* σ of the covariance of k points: `curvature.smallest_eigenvalue_share`. */
-static double variation(const Point *points, int k)
+static double variation(const Point *all, const ptrdiff_t *nearest, int k)
 {
+    Point points[NEIGHBOURS];
     double x = 0.0, y = 0.0, z = 0.0, xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;
     for (int i = 0; i < k; i++) {
+        points[i] = all[nearest[i]];
         x += points[i].x;
         y += points[i].y;
         z += points[i].z;
@@ -53,50 +55,104 @@ static double variation(const Point *points, int k)
     return trace > 1e-300 ? greatest(least(smallest / trace, 1.0 / 3.0), 0.0) : 0.0;
 }
 
-/* σ of the nearest of the points, of equally near ones those with the lower index. */
-static double variation_at(const Point *points, ptrdiff_t count, Point query)
+typedef struct {
+    double square[NEIGHBOURS]; /* of the distance, rising */
+    ptrdiff_t index[NEIGHBOURS];
+    int count;
+} Nearest;
+
+/* Of equally near points the one with the lower index comes first, in whatever order they are put in. */
+static void put(Nearest *nearest, double square, ptrdiff_t index)
 {
-    Point nearest[NEIGHBOURS];
-    double distance[NEIGHBOURS];
-    int k = 0;
-    for (ptrdiff_t i = 0; i < count; i++) {
-        const double dx = points[i].x - query.x, dy = points[i].y - query.y, dz = points[i].z - query.z;
-        const double square = dx * dx + dy * dy + dz * dz;
-        if (k == NEIGHBOURS && !(square < distance[k - 1]))
-            continue;
-        int at = k < NEIGHBOURS ? k++ : k - 1;
-        for (; at > 0 && square < distance[at - 1]; at--) {
-            distance[at] = distance[at - 1];
-            nearest[at] = nearest[at - 1];
-        }
-        distance[at] = square;
-        nearest[at] = points[i];
+    int at = nearest->count;
+    if (at == NEIGHBOURS && square == nearest->square[at - 1] && index > nearest->index[at - 1])
+        return;
+    if (at == NEIGHBOURS)
+        at--;
+    else
+        nearest->count++;
+    for (; at > 0; at--) {
+        const double before = nearest->square[at - 1];
+        if (square > before || (square == before && index > nearest->index[at - 1]))
+            break;
+        nearest->square[at] = before;
+        nearest->index[at] = nearest->index[at - 1];
     }
-    return k < 3 ? 0.0 : variation(nearest, k);
+    nearest->square[at] = square;
+    nearest->index[at] = index;
 }
 
-/* The last point, hence the highest, in each square cell of the plane; `into` must hold all. */
-static ptrdiff_t thin(Points points, double x0, double y0, double x1, double y1, double cell, Point *into)
+/* Square cells of the plane, by lines along y: the index of the point in each, or −1. */
+typedef struct {
+    ptrdiff_t *point;
+    ptrdiff_t lines, columns;
+    double x, y, cell;
+} Grid;
+
+static ptrdiff_t line_of(const Grid *grid, double x)
 {
-    const double across = floor((x1 - x0) / cell) + 1.0, along = floor((y1 - y0) / cell) + 1.0;
-    if (!(across >= 1.0 && along >= 1.0 && across * along < 1e8))
-        return TOO_LARGE;
-    const ptrdiff_t lines = (ptrdiff_t)across, columns = (ptrdiff_t)along;
-    ptrdiff_t *last = malloc((size_t)lines * (size_t)columns * sizeof(ptrdiff_t));
-    if (!last)
-        return OUT_OF_MEMORY;
-    for (ptrdiff_t i = 0; i < lines * columns; i++)
-        last[i] = -1;
-    for (ptrdiff_t i = 0; i < points.count; i++) {
-        const double line = least((points.x[i] - x0) / cell, across - 1.0);
-        const double column = least((points.y[i] - y0) / cell, along - 1.0);
-        last[(line > 0.0 ? (ptrdiff_t)line : 0) * columns + (column > 0.0 ? (ptrdiff_t)column : 0)] = i;
+    const double line = least((x - grid->x) / grid->cell, (double)(grid->lines - 1));
+    return line > 0.0 ? (ptrdiff_t)line : 0;
+}
+
+static ptrdiff_t column_of(const Grid *grid, double y)
+{
+    const double column = least((y - grid->y) / grid->cell, (double)(grid->columns - 1));
+    return column > 0.0 ? (ptrdiff_t)column : 0;
+}
+
+/* σ of the nearest of the grid's points, looked for in wider and wider rings of cells. */
+static double variation_at(const Point *points, const Grid *grid, Point query)
+{
+    const ptrdiff_t line = line_of(grid, query.x), column = column_of(grid, query.y);
+    const ptrdiff_t rings = grid->lines > grid->columns ? grid->lines : grid->columns;
+    Nearest nearest;
+    nearest.count = 0;
+    for (ptrdiff_t ring = 0; ring < rings; ring++) {
+        const ptrdiff_t top = line - ring, bottom = line + ring, left = column - ring, right = column + ring;
+        for (ptrdiff_t i = top < 0 ? 0 : top; i <= bottom && i < grid->lines; i++) {
+            const ptrdiff_t step = i == top || i == bottom ? 1 : 2 * ring;
+            for (ptrdiff_t j = left < 0 && step == 1 ? 0 : left; j <= right && j < grid->columns; j += step) {
+                const ptrdiff_t at = j < 0 ? -1 : grid->point[i * grid->columns + j];
+                if (at < 0)
+                    continue;
+                const double dx = points[at].x - query.x, dy = points[at].y - query.y, dz = points[at].z - query.z;
+                const double square = dx * dx + dy * dy + dz * dz;
+                if (nearest.count < NEIGHBOURS || square <= nearest.square[NEIGHBOURS - 1])
+                    put(&nearest, square, at);
+            }
+        }
+        const double beyond = 0.999 * (double)ring * grid->cell; /* nothing in the rings left is nearer than that */
+        if (nearest.count == NEIGHBOURS && nearest.square[NEIGHBOURS - 1] < beyond * beyond)
+            break;
     }
+    return nearest.count < 3 ? 0.0 : variation(points, nearest.index, nearest.count);
+}
+
+/* The last point, hence the highest, in each cell of a new grid; `into` must hold all. Returns their number. */
+static ptrdiff_t thin(Points points, double x1, double y1, Grid *grid, Point *into)
+{
+    const double lines = floor((x1 - grid->x) / grid->cell) + 1.0, columns = floor((y1 - grid->y) / grid->cell) + 1.0;
+    if (!(lines >= 1.0 && columns >= 1.0 && lines * columns < 1e8))
+        return TOO_LARGE;
+    grid->lines = (ptrdiff_t)lines;
+    grid->columns = (ptrdiff_t)columns;
+    const ptrdiff_t cells = grid->lines * grid->columns;
+    grid->point = malloc((size_t)cells * sizeof(ptrdiff_t));
+    if (!grid->point)
+        return OUT_OF_MEMORY;
+    for (ptrdiff_t i = 0; i < cells; i++)
+        grid->point[i] = -1;
+    for (ptrdiff_t i = 0; i < points.count; i++)
+        grid->point[line_of(grid, points.x[i]) * grid->columns + column_of(grid, points.y[i])] = i;
     ptrdiff_t count = 0;
-    for (ptrdiff_t i = 0; i < lines * columns; i++)
-        if (last[i] >= 0)
-            into[count++] = (Point){points.x[last[i]], points.y[last[i]], points.height[last[i]]};
-    free(last);
+    for (ptrdiff_t i = 0; i < cells; i++) {
+        const ptrdiff_t last = grid->point[i];
+        if (last < 0)
+            continue;
+        into[count] = (Point){points.x[last], points.y[last], points.height[last]};
+        grid->point[i] = count++;
+    }
     return count;
 }
 
@@ -160,7 +216,7 @@ static ptrdiff_t cut(const int64_t *order, ptrdiff_t count, const double *slab, 
 
 /* Bounds, lateral curvature, flat share and whether a hold lies in it, of one part. */
 static void measure(
-    Points object, const int64_t *order, const Point *thinned, const double *sigma, ptrdiff_t thinned_count,
+    Points object, const int64_t *order, const Grid *grid, const Point *thinned, const double *sigma, ptrdiff_t thinned_count,
     const double *hold_x, const double *hold_y, ptrdiff_t hold_count, double flat, int64_t *part, double *measures)
 {
     const int64_t first = order[part[PART_START]], last = order[part[PART_STOP] - 1];
@@ -185,7 +241,7 @@ static void measure(
     measures[PART_HIGH_X] = high_x;
     measures[PART_HIGH_Y] = high_y;
     measures[PART_CURVATURE] =
-        variation_at(thinned, thinned_count, start) + variation_at(thinned, thinned_count, stop);
+        variation_at(thinned, grid, start) + variation_at(thinned, grid, stop);
 }
 
 static ptrdiff_t survey_with(
@@ -200,11 +256,12 @@ static ptrdiff_t survey_with(
         top = greatest(top, object.y[i]);
     }
     const double cell = greatest(sqrt((right - left) * (top - bottom) / THINNED), LEAST_CELL);
-    const ptrdiff_t thinned_count = thin(object, left, bottom, right, top, cell, thinned);
+    Grid grid = {NULL, 0, 0, left, bottom, cell};
+    const ptrdiff_t thinned_count = thin(object, right, top, &grid, thinned);
     if (thinned_count < 0)
         return thinned_count;
     for (ptrdiff_t i = 0; i < thinned_count; i++)
-        sigma[i] = variation_at(thinned, thinned_count, thinned[i]);
+        sigma[i] = variation_at(thinned, &grid, thinned[i]);
     const double length = greatest(top - bottom, 1e-9);
     const double slabs = greatest(least(nearbyint(length / slab_height), 1e6), 1.0);
     for (ptrdiff_t i = 0; i < object.count; i++) {
@@ -215,8 +272,9 @@ static ptrdiff_t survey_with(
     sort_by_slab(order, spare, object.count, slab, object.x);
     const ptrdiff_t found = cut(order, object.count, slab, object.x, parts);
     for (ptrdiff_t i = 0; i < found; i++)
-        measure(object, order, thinned, sigma, thinned_count, hold_x, hold_y, hold_count, flat, parts + PART_COUNTS * i,
+        measure(object, order, &grid, thinned, sigma, thinned_count, hold_x, hold_y, hold_count, flat, parts + PART_COUNTS * i,
                 measures + PART_MEASURES * i);
+    free(grid.point);
     return found;
 }
 

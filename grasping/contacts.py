@@ -43,25 +43,16 @@ class Contacts:
     empty: NDArray[np.bool_]  # too few points between the pads for the rest to mean anything
 
 
-def refine(
-    xy: FloatArray,
-    height: FloatArray,
-    blocker_xy: FloatArray,
-    blocker_height: FloatArray,
-    holds: Holds,
-    *,
-    pad_width: float,
-    wished_room: float,
-) -> Contacts:
+def refine(points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float) -> Contacts:
     """Turn and centre each hold on the points between its pads.
 
-    xy (N, 2) with heights (N,), rising: the object. blocker_xy (K, 2) with heights: what else a finger could hit.
+    points (3, N): x, y and height of the object. blockers (3, K): what else a finger could hit.
     """
     half = 0.5 * pad_width
     heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
     reach = 0.5 * holds.width + SEARCH
-    near = height > tip.min()
-    points, height = xy[near], height[near]
+    points = points[:, points[2] > tip.min(initial=np.inf)]
+    height = points[2]
     above = height > tip[:, None]
     for step in range(STEPS + 1):
         cos, sin = exact.cos(heading), exact.sin(heading)
@@ -88,9 +79,9 @@ def refine(
         touched = u[side] <= outermost[side, hold] + CONTACT_BAND
         np.maximum.at(top[side], hold[touched], height[point[touched]])
     gap = _gap(along, across, above, start, end, half, wished_room)
-    if len(blocker_xy):
-        along, across = _turned(blocker_xy, cos, sin, from_x, from_y)
-        gap = np.minimum(gap, _gap(along, across, blocker_height > tip[:, None], start, end, half, wished_room))
+    if blockers.shape[1]:
+        along, across = _turned(blockers, cos, sin, from_x, from_y)
+        gap = np.minimum(gap, _gap(along, across, blockers[2] > tip[:, None], start, end, half, wished_room))
     return Contacts(
         heading=heading,
         x=x,
@@ -108,8 +99,8 @@ def refine(
 def _turned(
     points: FloatArray, cos: FloatArray, sin: FloatArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(M, N) coordinates of points (N, 2) along and across the closing axes of holds at (x, y)."""
-    px, py = np.ascontiguousarray(points.T)
+    """(M, N) coordinates of points (3, N) along and across the closing axes of holds at (x, y)."""
+    px, py, _ = points
     cos, sin, x, y = cos[:, None], sin[:, None], x[:, None], y[:, None]
     return (cos * px + sin * py) - (cos * x + sin * y), (cos * py - sin * px) - (cos * y - sin * x)
 

@@ -7,20 +7,44 @@ was not built yet, it has not, and the planner takes the references.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasping.contacts import Contacts
+from grasping.plateaus import HEADING, PLACE, SAG, SAME_HEADING, SAME_PLACE, SLIDE, WIDTH
 from grasping.primitives import FLAT
 from grasping.profiles import MEASURED, Holds, Scan, bins_of_room
+from grasping.ranking import (
+    BLUR,
+    CANDIDATES,
+    CENTRED,
+    LEAST_CONTACT,
+    LEAST_OVERLAP,
+    MOST_CLEARANCE,
+    PROBLEMS,
+    SLID,
+    Ranked,
+    Rules,
+)
+from grasping.scoring import (
+    ALIKE_HEADING,
+    ALIKE_PLACE,
+    ALIKE_TIP,
+    FAR_FROM_CENTRE,
+    OVERLAP,
+    REFINED,
+    WEIGHTS,
+)
 from grasping.survey import Parts
 from grasping.views import View
 
 FloatArray = NDArray[np.float64]
 
 INTERFACE = 2  # as in _kernels.c
+MOST_TRIED = 64  # likewise
 
 
 def _load() -> Any:
@@ -57,10 +81,8 @@ def place(
 
 
 def scan(
-    xy: FloatArray,
-    height: FloatArray,
-    obstacle_xy: FloatArray,
-    obstacle_height: FloatArray,
+    points: FloatArray,
+    obstacles: FloatArray,
     *,
     tips: FloatArray,
     headings: FloatArray,
@@ -72,59 +94,71 @@ def scan(
 ) -> Scan:
     """`profiles.scan`."""
     finger, wished = bins_of_room(finger_room, wished_room)
-    terms = np.empty((9, MEASURED))
-    count, too_wide, narrowest = _KERNELS.scan(
-        _rows(xy, height),
-        _rows(obstacle_xy, obstacle_height),
-        tips,
-        headings,
-        np.cos(headings),
-        np.sin(headings),
-        pad_width,
-        wished_room,
-        greatest_width,
-        centre[0],
-        centre[1],
-        finger,
-        wished,
-        terms,
-    )
-    heading, x, y, tip, width, overlap, angle, room, whole = terms[:, :count]
+    found = np.empty((9, MEASURED))
+    turns = (headings, np.cos(headings), np.sin(headings))
+    widths = (pad_width, wished_room, greatest_width, *centre.tolist())
+    count, too_wide, narrowest = _KERNELS.scan(points, obstacles, tips, *turns, *widths, finger, wished, found)
+    heading, x, y, tip, width, overlap, angle, room, whole = found[:, :count]
     return Scan(Holds(heading, x, y, tip, width, overlap, angle, room, whole > 0.0), int(too_wide), narrowest)
 
 
-def refine(
-    xy: FloatArray,
-    height: FloatArray,
-    blocker_xy: FloatArray,
-    blocker_height: FloatArray,
-    holds: Holds,
-    *,
-    pad_width: float,
-    wished_room: float,
-) -> Contacts:
+def refine(points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float) -> Contacts:
     """`contacts.refine`."""
     found = np.empty((9, len(holds)))
     coarse = (holds.heading, holds.x, holds.y, holds.tip, holds.width)
-    _KERNELS.refine(_rows(xy, height), _rows(blocker_xy, blocker_height), *coarse, pad_width, wished_room, found)
+    _KERNELS.refine(points, blockers, *coarse, pad_width, wished_room, found)
     heading, x, y, width, angle, contact, overlap, gap, empty = found
     return Contacts(heading, x, y, holds.tip, width, angle, contact, overlap, gap, empty > 0.0)
 
 
+def rank(view: View, holds: Holds, rules: Rules) -> Ranked:
+    """`ranking.rank`."""
+    coarse = np.empty((9, len(holds)))
+    for row, name in zip(coarse, Holds.__dataclass_fields__, strict=True):
+        row[:] = getattr(holds, name)
+    found, problems = np.empty((18, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
+    centre = view.centre.tolist()
+    count, refused = _KERNELS.rank(
+        view.points, view.obstacles, coarse, len(holds), *centre, _numbers(rules), found, problems
+    )
+    heading, x, y, width, angle, contact, overlap, gap, empty, score, tip, whole, *rest = found[:, :count]
+    contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, gap, empty > 0.0)
+    named = dict(zip(("angle", "overlap", "centre", "room", "narrow"), rest[:-1], strict=True))
+    terms = {"contact": contact, **named, "whole": whole, "opening": rest[-1]} if count else {}
+    return Ranked(contacts, terms, score, [PROBLEMS[index] for index in problems[:refused].tolist()])
+
+
+@cache
+def _numbers(rules: Rules) -> FloatArray:
+    """What the C struct `Rules` is filled with, in its order."""
+    shares, depths = zip(*OVERLAP, strict=True)
+    sums = [sum(WEIGHTS[name] for name in names) for names in (list(WEIGHTS)[1:], WEIGHTS)]
+    return np.array(
+        [
+            *(rules.pad_width, rules.stroke, rules.finger_thickness),
+            *(rules.finger_room, rules.wished_room, rules.greatest_width),
+            *(rules.steepest, rules.parallel, rules.steepest + BLUR),
+            *(LEAST_OVERLAP, LEAST_CONTACT, MOST_CLEARANCE, FAR_FROM_CENTRE),
+            *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),
+            *(PLACE, HEADING, WIDTH, SAME_PLACE, SAME_HEADING, SAG, SLIDE),
+            *(SLID, CENTRED, CANDIDATES),
+            *depths,
+            *shares,
+            *sums,
+            *WEIGHTS.values(),
+        ],
+        dtype=np.float64,
+    )
+
+
 def measured_parts(view: View, holds: Holds | None, slab_height: float) -> Parts:
     """`survey.measured_parts`."""
-    count = len(view.height)
+    count = view.points.shape[1]
     order, table, measures = np.empty(count, np.int64), np.empty((count, 7), np.int64), np.empty((count, 5))
     x, y = (_NONE, _NONE) if holds is None else (holds.x, holds.y)
-    found = _KERNELS.survey(_rows(view.xy, view.height), x, y, slab_height, FLAT, order, table, measures)
+    found = _KERNELS.survey(view.points, x, y, slab_height, FLAT, order, table, measures)
     measures = measures[:found]
     return Parts(order, table[:found], measures[:, :2], measures[:, 2:4], measures[:, 4])
 
 
 _NONE = np.empty(0)
-
-
-def _rows(xy: FloatArray, height: FloatArray) -> FloatArray:
-    rows = np.empty((3, len(height)))
-    rows[:2], rows[2] = xy.T, height
-    return rows

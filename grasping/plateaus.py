@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping import exact
 from grasping.contacts import Contacts
 from grasping.profiles import Holds
 
@@ -67,20 +68,20 @@ def places(tried: Tried, most: int) -> Places:
         heading, x, y, tip = (float(values[top]) for values in (found.heading, found.x, found.y, found.tip))
         alike = valid & (found.tip == tip) & (np.abs(found.width - found.width[top]) < WIDTH)
         turn = _half_turn(found.heading - heading)
-        near = alike & (np.abs(turn) < HEADING) & (np.hypot(found.x - x, found.y - y) < PLACE)
+        near = alike & (np.abs(turn) < HEADING) & (_distance(found.x - x, found.y - y) < PLACE)
         left &= ~near
-        weight = np.where(near, np.exp(np.where(near, tried.score - tried.score[top], 0.0) / SAG), 0.0)
-        weight /= weight.sum()
-        heading += float(weight @ turn)
-        x, y = float(weight @ found.x), float(weight @ found.y)
+        weight = np.where(near, exact.exp(np.where(near, tried.score - tried.score[top], 0.0) / SAG), 0.0)
+        weight /= exact.total(weight)
+        heading += exact.total(weight * turn)
+        x, y = exact.total(weight * found.x), exact.total(weight * found.y)
         if any(
             there[3] == tip
-            and math.hypot(there[1] - x, there[2] - y) < SAME_PLACE
+            and _distance(np.float64(there[1] - x), np.float64(there[2] - y)) < SAME_PLACE
             and abs(float(_half_turn(np.float64(there[0] - heading)))) < SAME_HEADING
             for there in middles
         ):
             continue
-        middles.append((heading, x, y, tip, float(weight @ found.width), float(weight @ tried.whole)))
+        middles.append((heading, x, y, tip, exact.total(weight * found.width), exact.total(weight * tried.whole)))
         best.append(top)
     columns = np.array(middles).reshape(-1, 6).T
     return Places(_holds(*columns), np.array(best, dtype=np.int64), columns[5])
@@ -93,7 +94,7 @@ def to_either_side(there: Places) -> Places:
     heading, x, y, tip, width, whole = (
         np.tile(values, 2) for values in (middle.heading, middle.x, middle.y, middle.tip, middle.width, there.whole)
     )
-    x, y = x - offset * np.sin(heading), y + offset * np.cos(heading)
+    x, y = x - offset * exact.sin(heading), y + offset * exact.cos(heading)
     return Places(_holds(heading, x, y, tip, width, whole), np.tile(there.best, 2), whole)
 
 
@@ -103,6 +104,10 @@ def _holds(
     """Holds to be looked at: what only the scan measures is not known of them."""
     unknown = np.full(len(x), np.nan)
     return Holds(heading, x, y, tip, width, unknown, unknown, unknown, whole > 0.5)
+
+
+def _distance(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.sqrt(x * x + y * y)
 
 
 def _half_turn(angle: FloatArray) -> FloatArray:

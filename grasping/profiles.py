@@ -57,10 +57,8 @@ class Scan:
 
 
 def scan(
-    xy: FloatArray,
-    height: FloatArray,
-    obstacle_xy: FloatArray,
-    obstacle_height: FloatArray,
+    points: FloatArray,
+    obstacles: FloatArray,
     *,
     tips: FloatArray,
     headings: FloatArray,
@@ -72,19 +70,19 @@ def scan(
 ) -> Scan:
     """Find every hold of an object given as points seen along the approach, in rising height.
 
-    xy (N, 2) with the origin in the middle of the object, height (N,) against the approach; likewise of the obstacles.
-    tips: heights to try. headings: angles of the closing axis to try. finger_room: free space that a finger needs
-    beside the object; wished_room: what it had better have. centre: (2,) near which holds are preferred.
+    points (3, N): x and y with the origin in the middle of the object, height against the approach; likewise of the
+    obstacles (3, K). tips: heights to try. headings: angles of the closing axis to try. finger_room: free space that a
+    finger needs beside the object; wished_room: what it had better have. centre: (2,) near which holds are preferred.
     """
     row = pad_width / ROWS
-    radius = float(np.sqrt(np.square(xy.T).sum(axis=0).max()))
+    radius = float(np.sqrt(np.square(points[:2]).sum(axis=0).max()))
     ny = 2 * int(np.ceil(radius / row)) + 3
     nx = 2 * int(np.ceil((radius + wished_room) / X_STEP)) + 3
-    maps = _height_maps(xy, height, headings, row, (ny, nx))
+    maps = _height_maps(points, headings, row, (ny, nx))
     bands = _band(maps)
     walls = bands
-    if len(obstacle_xy):
-        walls = np.maximum(bands, _band(_height_maps(obstacle_xy, obstacle_height, headings, row, (ny, nx))))
+    if obstacles.shape[1]:
+        walls = np.maximum(bands, _band(_height_maps(obstacles, headings, row, (ny, nx))))
     finger, wished = bins_of_room(finger_room, wished_room)
     runs = _pairs(bands.reshape(-1, nx), walls.reshape(-1, nx), tips, finger, wished)
     width = (runs.end - runs.start + 1) * X_STEP
@@ -150,11 +148,11 @@ class _Places:
         return np.asarray(np.minimum(first, last) - runs.tip, dtype=np.float64)
 
 
-def _height_maps(xy: FloatArray, height: FloatArray, headings: FloatArray, row: float, shape: tuple[int, int]) -> Maps:
+def _height_maps(points: FloatArray, headings: FloatArray, row: float, shape: tuple[int, int]) -> Maps:
     """(headings, ny, nx) greatest height in each cell of the map turned by each heading, −inf where it is empty."""
     ny, nx = shape
     cos, sin = np.cos(headings)[:, None], np.sin(headings)[:, None]
-    x, y = np.ascontiguousarray(xy.T)
+    x, y, height = points
     # One more column and line on either side take what lies outside of the map.
     column = cos * x
     column += sin * y

@@ -21,12 +21,12 @@ IntArray = NDArray[np.int64]
 def short_side(cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float, float]:
     """The direction, in the plane of the first two axes, of the least variance of the points.
 
-    With a cell (m) each square cell of the footprint counts once, however densely it was seen; with 0 each point counts.
+    With a cell (m) each square cell of the footprint counts once, however densely it was seen; with 0 each point does.
     The sign is chosen so that the third moment along it is not negative: it belongs to the object, not to the axes.
     """
     x, y = exact.project(cloud, axes[:, 0]), exact.project(cloud, axes[:, 1])
     if cell > 0.0:
-        key, columns = _cells(x, y, cell)
+        key, columns = cells(x, y, cell)
         x, y = (index.astype(np.float64) for index in np.divmod(np.flatnonzero(np.bincount(key)), columns))
     x, y = x - exact.total(x) / len(x), y - exact.total(y) / len(y)
     angle = 0.5 * math.atan2(2.0 * exact.total(x * y), exact.total(x * x) - exact.total(y * y))
@@ -68,16 +68,16 @@ def place(
     local -= middle[:, None]
     if table_height is not None:
         np.maximum(local[2], 0.0, out=local[2])
-    key, columns = _cells(local[0], local[1], cell)
+    key, columns = cells(local[0], local[1], cell)
     highest = np.zeros(int(key.max()) + 1)
     highest[key] = np.maximum(local[2], 0.003)  # the last one written, the highest, stays
-    cells = np.flatnonzero(highest)
-    weight = highest[cells]
-    sums = np.array([exact.total(weight * index) for index in np.divmod(cells, columns)])
+    taken = np.flatnonzero(highest)
+    weight = highest[taken]
+    sums = np.array([exact.total(weight * index) for index in np.divmod(taken, columns)])
     return local, middle, local[:2].min(axis=1) + cell * (sums / exact.total(weight) + 0.5)
 
 
-def _cells(x: FloatArray, y: FloatArray, cell: float) -> tuple[IntArray, int]:
+def cells(x: FloatArray, y: FloatArray, cell: float) -> tuple[IntArray, int]:
     """The cell (N,) of the plane that each point lies in, counted by lines, and the number of columns."""
     line, column = ((x - x.min()) / cell).astype(np.int64), ((y - y.min()) / cell).astype(np.int64)
     columns = int(column.max()) + 1

@@ -6,9 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -70,6 +67,11 @@ def euclidean_clusters(points: FloatArray, tolerance: float) -> IntArray:
 
     Labels are 0, 1, … from the largest cluster to the smallest.
     """
+    # SciPy is slow to import, and the default planner, which needs this module's axes, does without.
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     count = len(points)
     pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))

@@ -21,6 +21,7 @@ WEIGHTS = {
     "narrow": 0.05,  # across the narrow side
     "whole": 0.02,  # around all of the slab and not around a part of it
 }
+OVERLAP = ((0.5, 0.015), (0.1, 0.045), (0.4, 0.130))  # shares of the term, earned up to these depths, m
 REFINED = 16  # holds of the coarse scan that are looked at closely
 ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # holds nearer than this are one
 ALIKE_TIP = 0.0225  # m
@@ -35,12 +36,14 @@ def weigh(terms: dict[str, FloatArray]) -> FloatArray:
 
 def overlap_term(overlap: FloatArray) -> FloatArray:
     """1 from 130 mm beside the surface; half of it is earned with the first 15 mm, most of the rest goes to depth."""
-    return 0.5 * clip(overlap / 0.015) + 0.1 * clip(overlap / 0.045) + 0.4 * clip(overlap / 0.130)
+    (first, shallow), (second, deep), (third, deepest) = OVERLAP
+    return first * clip(overlap / shallow) + second * clip(overlap / deep) + third * clip(overlap / deepest)
 
 
 def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray) -> FloatArray:
     """1 at the centre of mass."""
-    return clip(1.0 - np.hypot(x - centre[0], y - centre[1]) / FAR_FROM_CENTRE)
+    x, y = x - centre[0], y - centre[1]
+    return clip(1.0 - np.sqrt(x * x + y * y) / FAR_FROM_CENTRE)
 
 
 def clip(share: FloatArray) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
@@ -70,18 +69,9 @@ class Parts:
     curvature: FloatArray
 
 
-def survey(
-    view: View,
-    holds: Holds | None,
-    slab_height: float,
-    greatest_width: float,
-    measure: Callable[[View, Holds | None, float], Parts] | None = None,
-) -> Survey:
-    """Report on slabs of about this height, m, and on their parts. A region is a "candidate" where the scan found a
-    hold whose centre lies in it. measure: `measured_parts` or its compiled likeness.
-    """
-    parts = (measure or measured_parts)(view, holds, slab_height)
-    in_cloud = view.origin + np.column_stack([view.xy, view.height])[parts.order] @ view.axes.T
+def survey(view: View, parts: Parts, greatest_width: float) -> Survey:
+    """The report on each part. It is a "candidate" where the scan found a hold whose centre lies in it."""
+    in_cloud = view.origin + view.points.T[parts.order] @ view.axes.T
     widths = (parts.high[:, 0] - parts.low[:, 0]).tolist()
     regions = []
     for row, width, curvature in zip(parts.table.tolist(), widths, parts.curvature.tolist(), strict=True):
@@ -102,11 +92,11 @@ def measured_parts(view: View, holds: Holds | None, slab_height: float) -> Parts
 
     This is the reference of `kernels.measured_parts`, which repeats its arithmetic.
     """
-    local = np.column_stack([view.xy, view.height])
-    x, y = np.ascontiguousarray(view.xy.T)
+    local = np.ascontiguousarray(view.points.T)
+    x, y, _ = view.points
     bottom, top = float(y.min()), float(y.max())
     cell = math.sqrt(float(np.ptp(x)) * (top - bottom) / THINNED)
-    thinned = local[last_in_cells(view.xy, max(cell, LEAST_CELL))]
+    thinned = local[last_in_cells(x, y, max(cell, LEAST_CELL))]
     length = max(top - bottom, 1e-9)
     count = min(max(1, round(length / slab_height)), MOST_SLABS)
     slab_of = np.minimum(((top - y) * (count / length)).astype(np.int64), count - 1)

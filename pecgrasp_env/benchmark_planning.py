@@ -68,6 +68,7 @@ def _planners() -> dict[str, Planner]:
     named: dict[str, Planner] = {
         _BEST[0]: CurvaturePlanner(),
         "published": PublishedPlanner(),
+        "default in NumPy": CurvaturePlanner(compiled=False),
     }
     for name in rivals.__all__:
         named[name.removesuffix("Planner")] = getattr(rivals, name)()
