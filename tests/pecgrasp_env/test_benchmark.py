@@ -27,6 +27,17 @@ def test_a_part_reports_every_routine_beside_its_yardstick(part: str) -> None:
     assert all(any(row["name"] in line and row["what"] in line for line in told) for row in rows)
 
 
+def test_segmentation_is_timed_on_the_wrist_camera_s_frame_beside_its_target() -> None:
+    settings = {**SMALL, "parts": ["segmentation"], "resolutions": ["424x240"], "segment_at_most_ms": {"424x240": 10}}
+    told: list[str] = []
+    tree, default, published = run_benchmark(settings, told.append)["segmentation"]
+    assert [row["name"] for row in (tree, default, published)] == ["k-d tree of the frame", "default", "published"]
+    assert default["objects_found"] == 5
+    assert default["at_most_ms"] == 10
+    assert any("at most 10 ms" in line for line in told)
+    assert "at_most_ms" not in published
+
+
 def test_a_part_that_does_not_exist_is_named() -> None:
     with pytest.raises(ValueError, match=r"parts=.*'cooking'.*planning"):
         run_benchmark({**SMALL, "parts": ["cooking"]})
