@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* Raised whenever a function here takes or returns something else; grasping/kernels.py names the one that it knows. */
-#define INTERFACE 2
+#define INTERFACE 3
 
 #define MOST_BUFFERS 12
 
@@ -195,41 +195,6 @@ static PyObject *scan(PyObject *self, PyObject *arguments)
     return answer;
 }
 
-static PyObject *refine(PyObject *self, PyObject *arguments)
-{
-    (void)self;
-    PyObject *object, *others, *heading, *x, *y, *tip, *width, *contacts;
-    double pad_width, wished_room;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOOddO", &object, &others, &heading, &x, &y, &tip, &width, &pad_width,
-                          &wished_room, &contacts))
-        return NULL;
-    if (!(pad_width > 0.0))
-        return PyErr_Format(PyExc_ValueError, "pad_width must be positive");
-    Held held = {.count = 0};
-    Points on, around;
-    Py_buffer *out;
-    Py_ssize_t count = -1;
-    const double *headings, *xs, *ys, *tips, *widths;
-    PyObject *answer = NULL;
-    if (points(&held, object, "object", &on) && points(&held, others, "others", &around) &&
-        (headings = numbers(&held, heading, "heading", &count)) && (xs = numbers(&held, x, "x", &count)) &&
-        (ys = numbers(&held, y, "y", &count)) && (tips = numbers(&held, tip, "tip", &count)) &&
-        (widths = numbers(&held, width, "width", &count)) &&
-        (out = array(&held, contacts, "contacts", "d", 2, CONTACT_TERMS, 1))) {
-        if (out->shape[1] != count) {
-            PyErr_Format(PyExc_ValueError, "contacts: a column for each hold is needed");
-        } else {
-            int code;
-            Py_BEGIN_ALLOW_THREADS
-            code = refine_holds(on, around, headings, xs, ys, tips, widths, count, pad_width, wished_room, out->buf);
-            Py_END_ALLOW_THREADS
-            answer = code ? failure(code) : Py_NewRef(Py_None);
-        }
-    }
-    release(&held);
-    return answer;
-}
-
 static int are_rules(const Rules *rules)
 {
     const double tried = rules->refined + 2.0 * rules->slid + rules->candidates + rules->centred;
@@ -314,7 +279,6 @@ static PyMethodDef methods[] = {
     {"thin", thin, METH_VARARGS, "See views.thin: fills `thinned`, returns the number of points."},
     {"place", place, METH_VARARGS, "See views.place: fills `local`, returns middle and centre."},
     {"scan", scan, METH_VARARGS, "See profiles.scan: fills `holds`, returns (count, too_wide, narrowest)."},
-    {"refine", refine, METH_VARARGS, "See contacts.refine: fills `contacts`."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
     {"survey", survey, METH_VARARGS, "See survey.survey: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},

@@ -38,21 +38,6 @@ def scan(
 ) -> tuple[int, float, float]:
     """Fill `holds` (9, 160), one column a hold; return their number, how many are too wide, their least width."""
 
-def refine(
-    object: NDArray[np.float64],
-    others: NDArray[np.float64],
-    heading: NDArray[np.float64],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    tip: NDArray[np.float64],
-    width: NDArray[np.float64],
-    pad_width: float,
-    wished_room: float,
-    contacts: NDArray[np.float64],
-    /,
-) -> None:
-    """Fill `contacts` (9, M), one column a hold."""
-
 def rank(
     object: NDArray[np.float64],
     others: NDArray[np.float64],

@@ -1,6 +1,6 @@
 """Holds looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked.
 
-This is the reference of `kernels.refine`, which repeats its arithmetic: sums and products stand in a fixed order.
+This is the reference of what `kernels.rank` does with each hold: sums and products stand in a fixed order.
 """
 
 from __future__ import annotations

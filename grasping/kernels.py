@@ -43,7 +43,7 @@ from grasping.views import View
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 2  # as in _kernels.c
+INTERFACE = 3  # as in _kernels.c
 MOST_TRIED = 64  # likewise
 
 
@@ -100,15 +100,6 @@ def scan(
     count, too_wide, narrowest = _KERNELS.scan(points, obstacles, tips, *turns, *widths, finger, wished, found)
     heading, x, y, tip, width, overlap, angle, room, whole = found[:, :count]
     return Scan(Holds(heading, x, y, tip, width, overlap, angle, room, whole > 0.0), int(too_wide), narrowest)
-
-
-def refine(points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float) -> Contacts:
-    """`contacts.refine`."""
-    found = np.empty((9, len(holds)))
-    coarse = (holds.heading, holds.x, holds.y, holds.tip, holds.width)
-    _KERNELS.refine(points, blockers, *coarse, pad_width, wished_room, found)
-    heading, x, y, width, angle, contact, overlap, gap, empty = found
-    return Contacts(heading, x, y, holds.tip, width, angle, contact, overlap, gap, empty > 0.0)
 
 
 def rank(view: View, holds: Holds, rules: Rules) -> Ranked:
