@@ -16,7 +16,7 @@ from pec.ablation import code_version, read_cells
 from pec.charts import chart
 from pec.evaluation import wilson_interval
 
-__all__ = ["Row", "read_rows", "write_table"]
+__all__ = ["Row", "order_name", "read_rows", "write_table"]
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,7 @@ class Row:
 
     @property
     def order(self) -> str:
-        """ "groups of 16", "no grouping", or the ordering and the pose that are ours."""
-        preprocess = self.settings["preprocess"]
-        if preprocess["ordering"] == "groups":
-            return f"groups of {preprocess['group_size']}"
-        if preprocess["ordering"] == "none":
-            return "no grouping"
-        return f"{preprocess['ordering']}, {preprocess['pose']} pose"
+        return order_name(self.settings["preprocess"])
 
     @property
     def protocol(self) -> str:
@@ -58,6 +52,15 @@ class Row:
         for name in path:
             found = [value[name] for value in found]
         return found
+
+
+def order_name(preprocess: Mapping[str, Any]) -> str:
+    """ "groups of 16", "no grouping", or the ordering and the pose that are ours, of `Preprocess` as a mapping."""
+    if preprocess["ordering"] == "groups":
+        return f"groups of {preprocess['group_size']}"
+    if preprocess["ordering"] == "none":
+        return "no grouping"
+    return f"{preprocess['ordering']}, {preprocess['pose']} pose"
 
 
 def read_rows(folder: str | os.PathLike[str]) -> list[Row]:

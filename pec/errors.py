@@ -1,6 +1,6 @@
 """What can be wrong with what a user hands to `pec`."""
 
-__all__ = ["CheckpointError", "CloudError", "ConfigError", "DatasetError"]
+__all__ = ["CheckpointError", "CloudError", "ConfigError", "DatasetError", "TrainingError"]
 
 
 class CloudError(ValueError):
@@ -17,3 +17,7 @@ class DatasetError(ValueError):
 
 class ConfigError(ValueError):
     """A setting that makes no sense, or settings that contradict each other."""
+
+
+class TrainingError(ValueError):
+    """A training run that cannot go on: its loss is not finite any more."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from pec.ablation_table import order_name
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.clouds import CloudDataset, load_dataset
 from pec.config import read_config
@@ -102,12 +103,12 @@ def _read_run(run: Path, data: str | None) -> _Member:
     )
     indices = split(clouds, config.dataset, "validation", config.seed)[2]
     sampling = [clouds.fingerprint, checkpoint.classes, indices.tolist()]
-    sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.start]
+    sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.sampling, preprocess.start]
     row = {
         "run": str(run),
         "network": checkpoint.network,
         "points": preprocess.n_points,
-        "order": f"groups of {preprocess.group_size}" if preprocess.ordering == "groups" else preprocess.ordering,
+        "order": order_name(asdict(preprocess)),
         "seed": config.seed,
         "n_test": len(indices),
     }

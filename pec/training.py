@@ -23,7 +23,7 @@ from pec.augment import augment
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
 from pec.clouds import CloudDataset, load_dataset
 from pec.config import DatasetConfig, TrainConfig, read_config
-from pec.errors import ConfigError, DatasetError
+from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.evaluation import predict_log_probabilities, score
 from pec.initialise import scale_initial_weights
 from pec.models import build_model
@@ -45,7 +45,7 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
 
     Returns what is also written to OUTPUT/results.json. OUTPUT/best and OUTPUT/last are checkpoints, OUTPUT/tensorboard
     the curves. A finished run is not repeated, an interrupted one goes on.
-    Raises ConfigError, DatasetError or CheckpointError.
+    Raises ConfigError, DatasetError, CheckpointError, or TrainingError where the loss is not finite any more.
     """
     config = read_config(cfg)
     output = Path(config.output)
@@ -233,10 +233,13 @@ class _Run:
                 if isinstance(self.model, PointNet):
                     assert self.model.penalty is not None
                     loss = loss + self.model.penalty
+                value = loss.item()
+                if not math.isfinite(value):
+                    raise TrainingError(f"the loss is {value} in epoch {epoch + 1}: learning rate {rate:g} is too high")
                 self.optimizer.zero_grad(set_to_none=True)
                 loss.backward()
                 self.optimizer.step()
-                loss_sum += loss.item() * len(index)
+                loss_sum += value * len(index)
                 correct += int((logits.detach().argmax(dim=1) == labels).sum())
         return loss_sum / len(training), correct / len(training), rate
 

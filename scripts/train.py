@@ -5,7 +5,7 @@ import sys
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from pec.errors import CheckpointError, ConfigError, DatasetError
+from pec.errors import CheckpointError, ConfigError, DatasetError, TrainingError
 from pec.training import train
 
 
@@ -15,7 +15,7 @@ def main(cfg: DictConfig) -> float:
     del settings["name"]  # only names the output folder
     try:
         results = train(settings)
-    except (CheckpointError, ConfigError, DatasetError) as error:
+    except (CheckpointError, ConfigError, DatasetError, TrainingError) as error:
         sys.exit(f"train: {error}")
     except KeyboardInterrupt:
         print(f"stopped; all finished epochs lie in {cfg.output}, and the same command goes on", file=sys.stderr)

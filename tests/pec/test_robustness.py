@@ -137,7 +137,10 @@ def test_rows_are_the_runs_by_their_own_test_split(runs):
 
     lines = robustness_table(rows).splitlines()
     assert lines[0].split(" | ")[:6] == ["model", "points", "order", "seeds", "clean", "scale"]
-    assert [line.split(" | ")[:4] for line in lines[2:4]] == [["knn", "64", "none", "2"], ["pec", "64", "none", "1"]]
+    assert [line.split(" | ")[:4] for line in lines[2:4]] == [
+        ["knn", "64", "no grouping", "2"],
+        ["pec", "64", "no grouping", "1"],
+    ]
     assert lines[3].split(" | ")[5] == f"{100 * fmean(rows[2]['scale']):.1f}"
     assert " ± " in lines[2]
     assert " ± " not in lines[3]

@@ -17,7 +17,7 @@ from safetensors.torch import load_file
 from pec.checkpoint import read_training_state
 from pec.clouds import load_dataset
 from pec.config import read_config
-from pec.errors import ConfigError, DatasetError
+from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.threads import torch_threads
 from pec.training import split, train
 
@@ -175,6 +175,12 @@ def test_data_that_cannot_be_trained_on_are_an_error(shapes, tmp_path, dataset, 
 def test_bad_setting_is_named_with_its_value(change, message):
     with pytest.raises(ConfigError, match=message):
         read_config({"dataset": {"path": "x"}, "output": "y"} | change)
+
+
+def test_training_that_diverges_says_so(shapes, tmp_path):
+    model = {"model": {"name": "pointnet_vanilla"}, "preprocess": {"ordering": "none"}}
+    with pytest.raises(TrainingError, match=r"the loss is \w+ in epoch \d: learning rate .* is too high"):
+        train(_settings(shapes, tmp_path, protocol={"learning_rate": 1e12}) | model)
 
 
 def test_threads_are_as_they_were_afterwards():
