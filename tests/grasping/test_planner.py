@@ -42,6 +42,18 @@ def test_a_flat_object_is_held_with_the_tips_just_above_the_table(height: float)
     assert grasp.terms["tip_height"] == pytest.approx(0.004)
 
 
+@pytest.mark.parametrize("cloud", [box_top(0.16, 0.03, 0.012), box_top(0.15, 0.11, 0.04), standing_can(0.045, 0.06)])
+def test_tips_that_advance_while_they_close_come_down_to_their_height_above_the_table_and_no_lower(
+    cloud: np.ndarray,
+) -> None:
+    gripper = ROBOTIQ_2F_140
+    for grasp in CurvaturePlanner(max_tilt=0.0).plan(cloud, up=UP, table=TABLE).candidates:
+        openings = np.linspace(grasp.width, grasp.terms["opening"], 20)
+        advance = np.array([gripper.pad_depth(grasp.width) - gripper.pad_depth(opening) for opening in openings])
+        assert advance.min() >= 0.0  # the wider open, the farther back: the arm stands still while the hand closes
+        assert (tips(grasp.pose)[2] + advance).min() >= 0.004 - 1e-9
+
+
 def test_tips_stay_where_the_palm_would_touch_a_tall_object() -> None:
     height = 0.25
     grasp = best(CurvaturePlanner().plan(standing_can(0.03, height), up=UP, table=TABLE))
