@@ -14,7 +14,7 @@ class BuildKernels(build_ext):
         super().build_extensions()
 
 
-SOURCES = ["_kernels.c", "_views.c", "_scan.c", "_contacts.c", "_ranking.c", "_survey.c"]
+SOURCES = ["_kernels.c", "_sort.c", "_views.c", "_scan.c", "_contacts.c", "_ranking.c", "_survey.c"]
 
 setup(
     cmdclass={"build_ext": BuildKernels},

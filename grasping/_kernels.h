@@ -18,6 +18,9 @@ typedef struct {
     ptrdiff_t count;
 } Points;
 
+/* Sort indices of keys (count) by rising key; equal ones keep their order. spare, bits: (count) to work in. */
+void sort_indices(const double *keys, ptrdiff_t count, int64_t *order, int64_t *spare, uint64_t *bits);
+
 /* views.py. axes: 3 × 3 by rows; its columns are the axes. Points here are in the cloud's frame, `height` its z. */
 
 /* The direction in the plane of the first two axes across the points (cell 0), or across the footprint each of whose

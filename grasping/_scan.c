@@ -150,8 +150,10 @@ typedef struct {
     const ScanSettings *settings;
     double row;
     ptrdiff_t heading, line, first, last; /* line: within the map; first and last column that the object takes */
-    const float *bands, *walls, *beside; /* walls and beside: from `wished` bins before the first one on */
-    ptrdiff_t *ends;
+    float *bands, *walls, *beside;       /* walls and beside: from `wished` bins before the first one on */
+    const float *before, *after;         /* greatest height in the bins that a finger takes beside each one */
+    ptrdiff_t *rise, *fall, *ends;       /* bins at which a run may start or end at some height, and at one height */
+    ptrdiff_t rises, falls;
     Best *best;
     ScanResult *result;
 } Line;
@@ -204,29 +206,29 @@ static void add_run(const Line *at, ptrdiff_t tip, ptrdiff_t start, ptrdiff_t en
 /* Pair free places with free places: with the next one (a part of the object) and with the last one (all of it). */
 static void pair(const Line *at, ptrdiff_t tip, ptrdiff_t from, ptrdiff_t to)
 {
-    const ScanSettings *settings = at->settings;
-    const float level = (float)settings->tips[tip];
-    const float *before = at->beside + settings->wished - settings->finger, *after = at->beside + settings->wished + 1;
+    const float level = (float)at->settings->tips[tip];
     while (from <= to && !(at->bands[from] > level))
         from++;
     while (to > from && !(at->bands[to] > level))
         to--;
     ptrdiff_t count = 0;
-    for (ptrdiff_t i = from; i <= to; i++)
-        if (at->bands[i] > level && after[i] <= level)
-            at->ends[count++] = i;
-    ptrdiff_t next = 0;
-    for (ptrdiff_t i = from; i <= to && next < count; i++) {
-        if (!(at->bands[i] > level && before[i] <= level))
+    for (ptrdiff_t i = 0; i < at->falls; i++) { /* written always and kept sometimes: a branch would be guessed wrong */
+        const ptrdiff_t bin = at->fall[i];
+        at->ends[count] = bin;
+        count += (at->bands[bin] > level) & (at->after[bin] <= level);
+    }
+    for (ptrdiff_t i = 0, next = 0; i < at->rises && next < count; i++) {
+        const ptrdiff_t bin = at->rise[i];
+        if (!((at->bands[bin] > level) & (at->before[bin] <= level)))
             continue;
-        while (next < count && at->ends[next] < i)
+        while (next < count && at->ends[next] < bin)
             next++;
         if (next == count)
             break;
         const ptrdiff_t end = at->ends[next], last = at->ends[count - 1];
-        add_run(at, tip, i, end, 0, i <= from && end >= to);
+        add_run(at, tip, bin, end, 0, bin <= from && end >= to);
         if (last > end)
-            add_run(at, tip, i, last, 1, i <= from && last >= to);
+            add_run(at, tip, bin, last, 1, bin <= from && last >= to);
     }
 }
 
@@ -240,9 +242,10 @@ static void highest_in_window(float *values, ptrdiff_t count, ptrdiff_t size)
     }
 }
 
-static void scan_line(Line *at, Map others, float *bands, float *walls, float *beside, float lowest)
+static void scan_line(Line *at, Map others, float lowest)
 {
     const ptrdiff_t wished = at->settings->wished;
+    float *bands = at->bands, *walls = at->walls, *beside = at->beside;
     ptrdiff_t from = at->first, to = at->last;
     band(at->map, at->line, from, to, bands);
     while (from <= to && !(bands[from] > lowest))
@@ -261,6 +264,12 @@ static void scan_line(Line *at, Map others, float *bands, float *walls, float *b
     for (ptrdiff_t i = from; i <= to + 2 * wished; i++)
         beside[i] = walls[i];
     highest_in_window(beside + from, to + 2 * wished - from + 1, at->settings->finger);
+    at->rises = at->falls = 0;
+    for (ptrdiff_t i = from; i <= to; i++) {
+        at->rise[at->rises] = at->fall[at->falls] = i;
+        at->rises += bands[i] > at->before[i];
+        at->falls += bands[i] > at->after[i];
+    }
     for (ptrdiff_t tip = 0; tip < at->settings->tip_count; tip++)
         pair(at, tip, from, to);
 }
@@ -280,19 +289,21 @@ int scan_holds(Points object, Points others, const ScanSettings *settings, doubl
     const size_t cells = (size_t)(ny + 2) * (size_t)(nx + 2);
     const size_t padded = (size_t)nx + 2 * (size_t)settings->wished;
     float *memory = malloc((2 * cells + (size_t)nx + 2 * padded) * sizeof(float));
-    ptrdiff_t *ends = malloc((size_t)nx * sizeof(ptrdiff_t));
+    ptrdiff_t *bins = malloc(3 * (size_t)nx * sizeof(ptrdiff_t));
     Best *best = malloc(sizeof(Best));
     result->count = 0;
     result->too_wide = 0.0;
     result->narrowest = INFINITY;
-    if (memory && ends && best) {
+    if (memory && bins && best) {
         const Map map = {memory, ny, nx}, around = {others.count ? memory + cells : NULL, ny, nx};
         float *bands = memory + 2 * cells, *walls = bands + nx, *beside = walls + padded;
         float lowest = INFINITY;
         for (ptrdiff_t tip = 0; tip < settings->tip_count; tip++)
             lowest = (float)settings->tips[tip] < lowest ? (float)settings->tips[tip] : lowest;
         best->count = 0;
-        Line at = {map, settings, row, 0, 0, 0, 0, bands, walls, beside, ends, best, result};
+        const float *before = beside + settings->wished - settings->finger, *after = beside + settings->wished + 1;
+        Line at = {map, settings, row,    0,     0,    0,         0,             bands, walls,
+                   beside, before, after, bins, bins + nx, bins + 2 * nx, 0,     0,     best, result};
         for (; at.heading < settings->heading_count; at.heading++) {
             const double cosine = settings->cosines[at.heading], sine = settings->sines[at.heading];
             ptrdiff_t any;
@@ -300,7 +311,7 @@ int scan_holds(Points object, Points others, const ScanSettings *settings, doubl
                 draw(around, others, cosine, sine, row, &any, &any);
             draw(map, object, cosine, sine, row, &at.first, &at.last);
             for (at.line = 0; at.line < ny - 2; at.line++)
-                scan_line(&at, around, bands, walls, beside, lowest);
+                scan_line(&at, around, lowest);
         }
         qsort(best->runs, (size_t)best->count, sizeof(Run), by_list);
         for (ptrdiff_t i = 0; i < best->count; i++)
@@ -308,9 +319,9 @@ int scan_holds(Points object, Points others, const ScanSettings *settings, doubl
                 holds[term * MEASURED + i] = best->runs[i].terms[term];
         result->count = best->count;
     }
-    const int failed = !(memory && ends && best);
+    const int failed = !(memory && bins && best);
     free(memory);
-    free(ends);
+    free(bins);
     free(best);
     return failed ? OUT_OF_MEMORY : 0;
 }

@@ -156,32 +156,6 @@ static ptrdiff_t thin(Points points, double x1, double y1, Grid *grid, Point *in
     return count;
 }
 
-/* Sort indices by slab and then along x; equal ones keep their order (merge sort from short runs up). */
-static void sort_by_slab(int64_t *order, int64_t *spare, ptrdiff_t count, const double *slab, const double *x)
-{
-    int64_t *from = order, *to = spare;
-    for (ptrdiff_t run = 1; run < count; run *= 2) {
-        for (ptrdiff_t start = 0; start < count; start += 2 * run) {
-            const ptrdiff_t middle = start + run < count ? start + run : count;
-            const ptrdiff_t stop = middle + run < count ? middle + run : count;
-            ptrdiff_t a = start, b = middle;
-            for (ptrdiff_t i = start; i < stop; i++) {
-                int second = a == middle;
-                if (!second && b < stop) {
-                    const double one = slab[from[a]], other = slab[from[b]];
-                    second = other < one || (other == one && x[from[b]] < x[from[a]]);
-                }
-                to[i] = from[second ? b++ : a++];
-            }
-        }
-        int64_t *swap = from;
-        from = to;
-        to = swap;
-    }
-    for (ptrdiff_t i = 0; from != order && i < count; i++)
-        order[i] = from[i];
-}
-
 static ptrdiff_t add_part(
     int64_t *parts, ptrdiff_t found, double slab, ptrdiff_t cluster, ptrdiff_t start, ptrdiff_t stop)
 {
@@ -246,7 +220,8 @@ static void measure(
 
 static ptrdiff_t survey_with(
     Points object, const double *hold_x, const double *hold_y, ptrdiff_t hold_count, double slab_height, double flat,
-    int64_t *order, int64_t *parts, double *measures, int64_t *spare, double *slab, double *sigma, Point *thinned)
+    int64_t *order, int64_t *parts, double *measures, int64_t *spare, uint64_t *bits, double *slab,
+    double *sigma, Point *thinned)
 {
     double left = object.x[0], right = left, bottom = object.y[0], top = bottom;
     for (ptrdiff_t i = 1; i < object.count; i++) {
@@ -269,7 +244,8 @@ static ptrdiff_t survey_with(
         slab[i] = number > 0.0 ? floor(number) : 0.0;
         order[i] = i;
     }
-    sort_by_slab(order, spare, object.count, slab, object.x);
+    sort_indices(object.x, object.count, order, spare, bits);
+    sort_indices(slab, object.count, order, spare, bits);
     const ptrdiff_t found = cut(order, object.count, slab, object.x, parts);
     for (ptrdiff_t i = 0; i < found; i++)
         measure(object, order, &grid, thinned, sigma, thinned_count, hold_x, hold_y, hold_count, flat, parts + PART_COUNTS * i,
@@ -288,13 +264,15 @@ ptrdiff_t survey_regions(
     if (count > SIZE_MAX / sizeof(Point))
         return OUT_OF_MEMORY;
     int64_t *spare = malloc(count * sizeof(int64_t));
+    uint64_t *bits = malloc(count * sizeof(uint64_t));
     double *slab = malloc(count * sizeof(double)), *sigma = malloc(count * sizeof(double));
     Point *thinned = malloc(count * sizeof(Point));
     ptrdiff_t found = OUT_OF_MEMORY;
-    if (spare && slab && sigma && thinned)
-        found = survey_with(object, hold_x, hold_y, hold_count, slab_height, flat, order, parts, measures, spare, slab,
-                            sigma, thinned);
+    if (spare && bits && slab && sigma && thinned)
+        found = survey_with(object, hold_x, hold_y, hold_count, slab_height, flat, order, parts, measures, spare, bits,
+                            slab, sigma, thinned);
     free(spare);
+    free(bits);
     free(slab);
     free(sigma);
     free(thinned);

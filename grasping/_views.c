@@ -155,28 +155,6 @@ ptrdiff_t thin_cloud(Points cloud, const double axes[9], double box, double *thi
     return count;
 }
 
-/* Merge sort by rising height; equal ones keep their order. Returns whichever of the two holds the result. */
-static Entry *sorted(Entry *entries, Entry *spare, ptrdiff_t count)
-{
-    for (ptrdiff_t run = 1; run < count; run *= 2) {
-        for (ptrdiff_t start = 0; start < count; start += 2 * run) {
-            const ptrdiff_t middle = start + run < count ? start + run : count;
-            const ptrdiff_t stop = middle + run < count ? middle + run : count;
-            ptrdiff_t a = start, b = middle;
-            for (ptrdiff_t i = start; i < stop; i++) {
-                const int second = a == middle || (b < stop && entries[b].height < entries[a].height);
-                spare[i] = entries[second ? b : a];
-                b += second;
-                a += !second;
-            }
-        }
-        Entry *swap = entries;
-        entries = spare;
-        spare = swap;
-    }
-    return entries;
-}
-
 /* Estimate of the centre of mass of points in rising height: each cell counts once, by the height of what stands there. */
 static int centre_of(Points local, double cell, double centre[2])
 {
@@ -210,26 +188,35 @@ int place_cloud(
     double centre[2])
 {
     const ptrdiff_t count = cloud.count;
-    if ((size_t)count > SIZE_MAX / (2 * sizeof(Entry)))
+    if ((size_t)count > SIZE_MAX / (4 * sizeof(double)))
         return OUT_OF_MEMORY;
-    Entry *entries = malloc(2 * (size_t)count * sizeof(Entry));
-    if (!entries)
-        return OUT_OF_MEMORY;
-    double low[3], high[3];
-    extent(cloud, axes, low, high);
-    for (int axis = 0; axis < 3; axis++)
-        middle[axis] = 0.5 * (low[axis] + high[axis]);
-    const int on_table = table_height == table_height;
-    middle[2] = on_table ? table_height : low[2];
-    for (ptrdiff_t i = 0; i < count; i++)
-        entries[i] = (Entry){project(cloud, i, axes, 2), i};
-    const Entry *order = sorted(entries, entries + count, count);
-    for (ptrdiff_t i = 0; i < count; i++) {
-        const double height = order[i].height - middle[2];
-        local[i] = project(cloud, order[i].index, axes, 0) - middle[0];
-        local[count + i] = project(cloud, order[i].index, axes, 1) - middle[1];
-        local[2 * count + i] = on_table ? greatest(height, 0.0) : height; /* under the table is noise of the table */
+    double *heights = malloc((size_t)count * sizeof(double));
+    int64_t *order = malloc(2 * (size_t)count * sizeof(int64_t));
+    uint64_t *bits = malloc((size_t)count * sizeof(uint64_t));
+    const int failed = !heights || !order || !bits;
+    if (!failed) {
+        double low[3], high[3];
+        extent(cloud, axes, low, high);
+        for (int axis = 0; axis < 3; axis++)
+            middle[axis] = 0.5 * (low[axis] + high[axis]);
+        const int on_table = table_height == table_height;
+        middle[2] = on_table ? table_height : low[2];
+        for (ptrdiff_t i = 0; i < count; i++) {
+            heights[i] = project(cloud, i, axes, 2);
+            order[i] = i;
+        }
+        sort_indices(heights, count, order, order + count, bits);
+        for (ptrdiff_t i = 0; i < count; i++) {
+            const ptrdiff_t from = (ptrdiff_t)order[i];
+            const double height = heights[from] - middle[2];
+            local[i] = project(cloud, from, axes, 0) - middle[0];
+            local[count + i] = project(cloud, from, axes, 1) - middle[1];
+            local[2 * count + i] = on_table ? greatest(height, 0.0) : height; /* under the table is noise of the table */
+        }
     }
-    free(entries);
-    return centre_of((Points){local, local + count, local + 2 * count, count}, cell, centre);
+    free(heights);
+    free(order);
+    free(bits);
+    return failed ? OUT_OF_MEMORY
+                  : centre_of((Points){local, local + count, local + 2 * count, count}, cell, centre);
 }

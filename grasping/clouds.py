@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -49,8 +51,8 @@ def unit_vector(vector: ArrayLike, *, name: str) -> NDArray[np.float64]:
         value = np.asarray(vector, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{name} = {vector!r} is not a vector of three numbers") from error
-    length = float(np.linalg.norm(value)) if value.shape == (3,) else 0.0
-    if not (np.isfinite(length) and length > 1e-9):
+    length = math.hypot(*value.tolist()) if value.shape == (3,) else 0.0
+    if not (math.isfinite(length) and length > 1e-9):
         raise ConfigError(f"{name} = {vector!r} is not a direction (3,)")
     return value / length
 
@@ -61,8 +63,8 @@ def plane_equation(plane: ArrayLike, *, name: str = "table") -> NDArray[np.float
         value = np.asarray(plane, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{name} = {plane!r} is not a plane (4,)") from error
-    length = float(np.linalg.norm(value[:3])) if value.shape == (4,) else 0.0
-    if not (np.isfinite(value).all() and length > 1e-9):
+    length = math.hypot(*value[:3].tolist()) if value.shape == (4,) else 0.0
+    if not (length > 1e-9 and math.isfinite(length) and math.isfinite(value[3])):
         raise ConfigError(f"{name} = {plane!r} is not a plane (4,), n·p + d = 0")
     return value / length
 
@@ -91,7 +93,8 @@ def workspace(
     direction = unit_vector(up, name="up")
     if plane is None:
         return direction, None, neighbours
-    if abs(float(direction @ plane[:3])) < np.cos(np.pi / 4):
+    cosine = float(direction @ plane[:3])
+    if abs(cosine) < math.sqrt(0.5):
         raise ConfigError(f"up = {up!r} is more than 45° off the normal of table = {table!r}")
-    plane = plane * np.sign(direction @ plane[:3])
+    plane = plane * math.copysign(1.0, cosine)
     return plane[:3], plane, neighbours

@@ -37,13 +37,14 @@ class Survey:
 
     def regions_at(self, points: FloatArray) -> list[int | None]:
         """Index of the smallest region whose footprint holds each of the points (M, 3) of the cloud's frame, if any."""
-        if not self.regions:
-            return [None] * len(points)
-        place = ((points - self.view.origin) @ self.view.axes)[:, :2]
-        area = (self.high - self.low).prod(axis=1)[:, None]
-        area = np.where(_inside(place, self.low, self.high), area, np.inf)
-        smallest, found = area.argmin(axis=0).tolist(), np.isfinite(area.min(axis=0)).tolist()
-        return [region if inside else None for region, inside in zip(smallest, found, strict=True)]
+        area = (self.high - self.low).prod(axis=1).tolist()
+        low, high = self.low.tolist(), self.high.tolist()
+        smallest_first = sorted(range(len(area)), key=area.__getitem__)
+        footprints = [(i, *low[i], *high[i]) for i in smallest_first]
+        return [
+            next((i for i, x0, y0, x1, y1 in footprints if x0 <= x <= x1 and y0 <= y <= y1), None)
+            for x, y, _ in ((points - self.view.origin) @ self.view.axes).tolist()
+        ]
 
     def one_primitive(self) -> bool:
         """Whether all regions are alike, so that the whole object is one primitive."""
