@@ -100,12 +100,12 @@ class Classifier:
         return self._checkpoint.preprocess.sample(points, np.random.default_rng(self._seed))
 
     def _predict(self, samples: list[np.ndarray]) -> list[Prediction]:
-        longest = max(len(sample) for sample in samples)
-        candidates = torch.zeros(len(samples), longest, 3)
-        valid = torch.zeros(len(samples), longest, dtype=torch.bool)
-        for index, sample in enumerate(samples):
-            candidates[index, : len(sample)] = torch.from_numpy(sample)
-            valid[index, : len(sample)] = True
+        lengths = np.array([len(sample) for sample in samples])
+        padded = np.zeros((len(samples), lengths.max(), 3), np.float32)
+        for row, sample in zip(padded, samples, strict=True):
+            row[: len(sample)] = sample
+        candidates = torch.from_numpy(padded)
+        valid = torch.from_numpy(np.arange(lengths.max()) < lengths[:, None])
         checkpoint = self._checkpoint
         with torch_threads(1):
             log_probabilities = predict_log_probabilities(self._model, checkpoint.preprocess, candidates, valid)

@@ -46,20 +46,22 @@ def predict_log_probabilities(
     valid: torch.Tensor,
 ) -> torch.Tensor:
     """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses."""
+    n_views = preprocess.n_views
     results = []
-    for begin in range(0, len(candidates), _BATCH):
-        block, block_valid = candidates[begin : begin + _BATCH], valid[begin : begin + _BATCH]
+    for block, block_valid in zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True):
+        if n_views == 1:
+            results.append(model(preprocess.arrange(block, block_valid)).log_softmax(dim=1))
+            continue
         # All views in one batch: at a few clouds the time goes into reading the weights, not into their products.
-        n_views = preprocess.n_views
         view = torch.arange(n_views, device=block.device).repeat_interleave(len(block))
         inputs = preprocess.arrange(block.repeat(n_views, 1, 1), block_valid.repeat(n_views, 1), view)
         results.append(average_views(model(inputs).unflatten(0, (n_views, len(block)))))
-    return torch.cat(results)
+    return results[0] if len(results) == 1 else torch.cat(results)
 
 
 def average_views(logits: torch.Tensor) -> torch.Tensor:
     """(V, B, C) logits → (B, C) log of the mean probability over the V views."""
-    return torch.logsumexp(logits.log_softmax(dim=2), dim=0) - torch.tensor(float(len(logits))).log()
+    return torch.logsumexp(logits.log_softmax(dim=2), dim=0) - math.log(len(logits))
 
 
 def score(log_probabilities: torch.Tensor, labels: torch.Tensor, temperature: float = 1.0) -> Scores:
