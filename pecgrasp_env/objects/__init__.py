@@ -29,12 +29,14 @@ def open_objects(
     instances_per_class: int = 10,
     seed: int = 0,
     scale: float = 1.0,
+    allow_open: bool = False,
 ) -> Catalogue | MeshFolder:
     """The mesh folder at `path`, or without one the procedural catalogue; `classes` narrows either down.
 
-    instances_per_class and seed concern the catalogue, scale (metres in one unit of the files) the folder.
+    instances_per_class and seed concern the catalogue; scale (metres in one unit of the files) and allow_open (take
+    meshes that are not closed) the folder.
     Raises ObjectError as Catalogue and MeshFolder do.
     """
     if path is not None:
-        return MeshFolder(path, scale=scale, classes=classes)
+        return MeshFolder(path, scale=scale, classes=classes, allow_open=allow_open)
     return Catalogue(CLASSES if classes is None else classes, instances_per_class, seed)

@@ -88,6 +88,11 @@ class Catalogue:
             raise ObjectError(f"{class_name} has instances 0 to {self.instances_per_class - 1}, asked for {i}")
         return make_object(class_name, self.seed + i)
 
+    def origin(self, class_name: str, i: int) -> str:
+        """Where instance `i` comes from, in words."""
+        self._check(class_name)
+        return "procedural catalogue"
+
     def _check(self, class_name: str) -> None:
         if class_name not in self.classes:
             raise ObjectError(f"unknown object class {class_name!r}; this catalogue has {', '.join(self.classes)}")

@@ -128,7 +128,7 @@ def carve(vertices: np.ndarray, faces: np.ndarray, tolerance: float, thinnest: f
         if np.ptp(vertices[:, axis]) < 2 * thinnest:
             continue
         # The cut may leave a sliver on one side.
-        halves = [(v, f) for v, f in _halves(vertices, faces, axis) if hull_volume(v) > 1e-4 * hull.volume]
+        halves = [(v, f) for v, f in cut_in_halves(vertices, faces, axis) if hull_volume(v) > 1e-4 * hull.volume]
         volume = sum(hull_volume(v) for v, _ in halves)
         if best is None or volume < best[0]:
             best = volume, halves
@@ -147,11 +147,14 @@ def split_round(points: np.ndarray, thinnest: float) -> list[np.ndarray]:
     if left_outside(points, kept) <= SKIPPED or np.ptp(points[:, longest]) < 2 * thinnest:
         return [kept]
     hull = convex_hull(points)
-    return [piece for v, _ in _halves(hull.points, hull.simplices, longest) for piece in split_round(v, thinnest)]
+    return [piece for v, _ in cut_in_halves(hull.points, hull.simplices, longest) for piece in split_round(v, thinnest)]
 
 
-def _halves(vertices: np.ndarray, faces: np.ndarray, axis: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The surface on either side of the middle of its extent along an axis, open at the cut."""
+def cut_in_halves(vertices: np.ndarray, faces: np.ndarray, axis: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The surface on either side of the middle of its extent along an axis, open at the cut: (V, 3) and (F, 3) each.
+
+    A side with fewer than four vertices is left out.
+    """
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     halves = []
     for sign in (1.0, -1.0):

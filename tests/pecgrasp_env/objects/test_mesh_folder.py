@@ -7,7 +7,7 @@ import pytest
 import sapien
 import trimesh
 
-from pecgrasp_env.objects import MeshFolder, ObjectError, open_objects
+from pecgrasp_env.objects import MeshFolder, ObjectError, decompose, open_objects
 from pecgrasp_env.objects import mesh_folder as module
 from pecgrasp_env.objects.mesh_files import cache_folder
 
@@ -56,7 +56,7 @@ def test_convex_parts_are_found_once(tmp_path, monkeypatch):
     def never(vertices, faces):
         raise AssertionError("decomposed again")
 
-    monkeypatch.setattr(module, "_decompose", never)
+    monkeypatch.setattr(module, "decompose", never)
     again = MeshFolder(tmp_path).load("brick", 0)
     np.testing.assert_array_equal(np.concatenate(first.hulls), np.concatenate(again.hulls))
     small = MeshFolder(tmp_path, scale=0.5).load("brick", 0)  # the parts of a mesh do not depend on its unit
@@ -82,6 +82,50 @@ def test_a_concave_mesh_is_cut_and_a_mesh_with_holes_is_taken(tmp_path):
     holed = folder.load("thing", 1)
     assert holed.volume == pytest.approx(4 / 3 * np.pi * 0.04**3, rel=0.15)
     assert holed.mass >= 0.02
+
+
+def test_a_mesh_that_is_not_closed_is_refused_or_taken_as_a_shell(tmp_path, monkeypatch):
+    monkeypatch.setattr(decompose, "MOST_FACES", 0)
+    box = brick()
+    box.update_faces(np.arange(12) >= 2)  # a side is missing, the two triangles of it
+    box = box.subdivide()  # so that the hole is no quadrangle, which is filled
+    put(tmp_path, "thing/open.ply", box)
+    with pytest.raises(
+        ObjectError, match=r"thing/open\.ply is not closed: 8 of its edges.*Close.*objects\.allow_open=true"
+    ):
+        MeshFolder(tmp_path).load("thing", 0)
+    shell = MeshFolder(tmp_path, allow_open=True).load("thing", 0)
+    np.testing.assert_allclose(shell.extents, [0.1, 0.06, 0.04], atol=1e-6)
+    assert shell.volume < 1.2 * 0.1 * 0.06 * 0.04
+
+
+def test_a_surface_that_touches_itself_is_closed(tmp_path):
+    """Two bricks that share an edge, which therefore belongs to four faces, as in scans of real objects."""
+    pair = trimesh.util.concatenate([brick(), brick().apply_translation((0.1, 0.06, 0))])
+    pair.merge_vertices()
+    assert not pair.is_watertight
+    put(tmp_path, "thing/pair.ply", pair)
+    model = MeshFolder(tmp_path).load("thing", 0)
+    assert len(model.hulls) == 2
+    assert model.volume == pytest.approx(2 * 0.1 * 0.06 * 0.04, rel=0.02)
+
+
+@pytest.mark.parametrize("why", ["too many faces", "too slow", "the process ends"])
+def test_without_coacd_the_surface_is_cut_in_halves(tmp_path, monkeypatch, why):
+    if why == "too many faces":
+        monkeypatch.setattr(decompose, "MOST_FACES", 10)
+    elif why == "too slow":
+        monkeypatch.setattr(decompose, "LIMIT_S", 0.01)
+    else:
+        monkeypatch.setitem(decompose.COACD, "no_such_setting", 1)
+    rods = [trimesh.creation.box((0.16, 0.02, 0.02)), trimesh.creation.box((0.02, 0.16, 0.02))]
+    put(tmp_path, "thing/cross.ply", trimesh.util.concatenate(rods))
+    model = MeshFolder(tmp_path).load("thing", 0)
+    solid = (2 * 0.16 - 0.02) * 0.02 * 0.02
+    assert 4 <= len(model.hulls) <= 32
+    assert 0.999 * solid < model.volume < 1.6 * solid  # its hull has ten times as much
+    points = np.concatenate(model.hulls)
+    np.testing.assert_allclose(np.ptp(points, axis=0), [0.16, 0.16, 0.02], atol=1e-3)
 
 
 def test_a_light_mesh_weighs_what_a_gripper_can_hold(tmp_path):
