@@ -11,6 +11,7 @@ FloatArray = NDArray[np.float64]
 
 # Small enough that the matrix library keeps them on one thread: on a busy machine more of them cost far more time.
 HYPOTHESES, TESTED = 128, 640  # planes drawn, and points that each is tested on
+LEVEL = 32  # more of them, level with a known `up` and through one point
 SAMPLED = 3000  # points that suffice for finding the table; the last fit is on all of its points
 MOST_TILT = np.radians(20)  # of the table against a known `up`
 LEAST_SHARE = 0.15  # of the points in range that a table holds
@@ -90,10 +91,14 @@ def _ransac(points: FloatArray, up: FloatArray | None, rng: np.random.Generator,
     usable = lengths > 1e-6  # three points on a line span no plane
     if up is not None:
         usable &= np.abs(normals @ up) > np.cos(MOST_TILT) * lengths
-    if not usable.any():
-        return None
     normals = normals[usable] / lengths[usable, None]
-    offsets = -(normals * corners[usable, 0]).sum(axis=1)
+    through = corners[usable, 0]
+    if up is not None:  # three points of a table that is a sixth of the view are drawn once in 200 times, one often
+        through = np.vstack([through, corners[:LEVEL, 1]])
+        normals = np.vstack([normals, np.tile(up, (LEVEL, 1))])
+    if not len(normals):
+        return None
+    offsets = -(normals * through).sum(axis=1)
     tested = points if len(points) <= TESTED else points[rng.integers(0, len(points), size=TESTED)]
     inside = np.abs(normals @ tested.T + offsets[:, None]) < coarse
     best = int(np.count_nonzero(inside, axis=1).argmax())
