@@ -12,15 +12,15 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from grasping.clouds import object_cloud, workspace
-from grasping.curvature import surface_variation, variation_at
 from grasping.errors import ConfigError
 from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.primitives import all_alike, primitive_of
-from grasping.regions import euclidean_clusters, object_axes, principal_axes, slabs, thinned, way_in
+from grasping.primitives import all_alike
+from grasping.published_poses import Holds, Parts, holds_of, own_axes
+from grasping.published_regions import RegionRules, regions_of
+from grasping.regions import object_axes, thinned
 
 FloatArray = NDArray[np.float64]
 
@@ -101,6 +101,15 @@ class PublishedPlanner:
         self.alike = alike
         self.curvature_floor = curvature_floor
         self.tip_clearance = tip_clearance
+        self._rules = RegionRules(
+            height=gripper.finger_width,
+            partial_slab=partial_slab,
+            slab_points=slab_points,
+            cluster_tolerance=cluster_tolerance,
+            cluster_points=self.cluster_points,
+            neighbour_divisor=neighbour_divisor,
+            least_neighbours=self.least_neighbours,
+        )
 
     def plan(
         self,
@@ -120,10 +129,8 @@ class PublishedPlanner:
         centroid = cloud.mean(axis=0)
         axes = object_axes(cloud)
         local = (cloud - centroid) @ axes
-        scene = (up_vector, plane)
-
         if np.ptp(local[:, 1]) <= self.gripper.finger_width:
-            grasp = self._grasp(cloud, axes, scene, "primitive", None, {})
+            grasp = self._of_the_whole(cloud, axes, up_vector, plane)
             wide = f"the object is small, but {grasp.width * 1e3:.0f} mm wide; the gripper opens {self._stroke_mm} mm"
             return plan_from([grasp] if grasp.width <= self.gripper.stroke else [], [], wide)
 
@@ -131,23 +138,12 @@ class PublishedPlanner:
         if not regions:
             return plan_from([], [], f"no slab of the object has more than {self.slab_points} points")
         if self._one_primitive(regions):
-            grasp = self._grasp(cloud, axes, scene, "primitive", None, {})
+            grasp = self._of_the_whole(cloud, axes, up_vector, plane)
             width = max(grasp.width, *(region.width for region in regions))
             name = regions[0].primitive
             reason = f"the object is one {name}, {width * 1e3:.0f} mm wide; the gripper opens {self._stroke_mm} mm"
             return plan_from([grasp] if width <= self.gripper.stroke else [], regions, reason)
-
-        candidates = []
-        for index, region in enumerate(regions):
-            if region.verdict == "candidate":
-                own = _aligned(region.points, axes)
-                terms = {"curvature": region.curvature, "length": region.width}
-                grasp = self._grasp(region.points, own, scene, "region", index, terms)
-                if grasp.width <= self.gripper.stroke:
-                    candidates.append(grasp)
-                else:
-                    wide = f"too wide across its own axes: {grasp.width * 1e3:.0f} mm"
-                    regions[index] = replace(region, verdict=wide)
+        candidates = self._of_regions(regions, axes, up_vector, plane)
         return plan_from(candidates, regions, self._no_region(regions))
 
     def _one_primitive(self, regions: list[RegionReport]) -> bool:
@@ -174,88 +170,54 @@ class PublishedPlanner:
         return f"none of {len(regions)} regions can be held: " + ", and ".join(parts)
 
     def _regions(self, cloud: FloatArray, local: FloatArray) -> list[RegionReport]:
-        """The slabs along the object's long axis and, where a slab falls apart, its clusters too."""
-        regions = []
-        for slab, members in enumerate(slabs(local[:, 1], self.gripper.finger_width, partial=self.partial_slab)):
-            if len(members) <= self.slab_points:
-                continue
-            regions.append(self._report(cloud[members], local[members], slab, None))
-            labels = euclidean_clusters(local[members], self.cluster_tolerance)
-            sizes = np.bincount(labels)
-            fitting = np.flatnonzero((sizes >= self.cluster_points[0]) & (sizes <= self.cluster_points[1]))
-            if len(sizes) == 1:
-                continue  # the slab in one piece: its cluster is the slab
-            for cluster in fitting:
-                chosen = members[labels == cluster]
-                regions.append(self._report(cloud[chosen], local[chosen], slab, int(cluster)))
-        return regions
+        """The slabs along the object's long axis and their clusters, measured, and the verdict on each."""
+        reports = []
+        for region in regions_of(local, self._rules):
+            verdict = self._verdict(region.length, region.curvature)
+            measures = (region.primitive, region.length, region.curvature)
+            reports.append(RegionReport(cloud[region.members], *measures, verdict, region.slab, region.cluster))
+        return reports
 
-    def _report(self, points: FloatArray, local: FloatArray, slab: int, cluster: int | None) -> RegionReport:
-        """Primitive, length L_i and lateral curvature P_i of a region, and the verdict on them."""
-        count = len(points)
-        least, least_lateral = self.least_neighbours
-        tree = cKDTree(local)
-        primitive = primitive_of(surface_variation(local, max(least, count // self.neighbour_divisor), tree))
-        x = local[:, 0]
-        sides = local[[int(x.argmax()), int(x.argmin())]]
-        lateral = variation_at(local, sides, max(least_lateral, 2 * count // self.neighbour_divisor), tree)
-        curvature = float(lateral.sum())
-        width = float(np.ptp(x))
-        if width > self.gripper.stroke:
-            verdict = f"too wide: {width * 1e3:.0f} mm"
-        elif 0.0 < self.curvature_floor >= curvature:
-            verdict = f"lateral curvature at or below the floor of {self.curvature_floor:g}"
-        else:
-            verdict = "candidate"
-        return RegionReport(points, primitive, width, curvature, verdict, slab, cluster)
+    def _verdict(self, length: float, curvature: float) -> str:
+        if length > self.gripper.stroke:
+            return f"too wide: {length * 1e3:.0f} mm"
+        if 0.0 < self.curvature_floor >= curvature:
+            return f"lateral curvature at or below the floor of {self.curvature_floor:g}"
+        return "candidate"
 
-    def _grasp(
-        self,
-        points: FloatArray,
-        axes: FloatArray,
-        scene: tuple[FloatArray | None, FloatArray | None],
-        kind: Literal["primitive", "region"],
-        region: int | None,
-        terms: dict[str, float],
+    def _of_the_whole(
+        self, cloud: FloatArray, axes: FloatArray, up: FloatArray | None, plane: FloatArray | None
     ) -> Grasp:
-        """The pose at the centre of the points: their mean; midway between the two sides for a region."""
-        up, plane = scene
-        rotation = _hand(points, axes, up)
-        local = points @ rotation
-        centre = local.mean(axis=0)
-        low, high = float(local[:, 0].min()), float(local[:, 0].max())
-        if kind == "region":
-            centre[0] = 0.5 * (low + high)
-        pose = np.eye(4)
-        pose[:3, :3] = rotation
-        pose[:3, 3] = rotation @ centre
+        """Hold the object at its centroid."""
+        holds = self._clear_of(holds_of(Parts([cloud]), axes[None], up, midway=False), plane)
+        return Grasp(holds.poses[0], float(holds.widths[0]), 1.0, "primitive", None, {})
+
+    def _of_regions(
+        self, regions: list[RegionReport], axes: FloatArray, up: FloatArray | None, plane: FloatArray | None
+    ) -> list[Grasp]:
+        """Hold each candidate; the verdict on those that are too wide across their own axes is replaced."""
+        chosen = [index for index, region in enumerate(regions) if region.verdict == "candidate"]
+        if not chosen:
+            return []
+        parts = Parts([regions[index].points for index in chosen])
+        holds = self._clear_of(holds_of(parts, own_axes(parts, axes), up, midway=True), plane)
+        grasps = []
+        for index, pose, width in zip(chosen, holds.poses, holds.widths.tolist(), strict=True):
+            region = regions[index]
+            if width > self.gripper.stroke:
+                wide = f"too wide across its own axes: {width * 1e3:.0f} mm"
+                regions[index] = replace(region, verdict=wide)
+                continue
+            # P is at most 2/3 (two neighbourhoods of σ = 1/3): 1 is flat on both sides, 0 has no flat side.
+            score = 1.0 - 1.5 * region.curvature
+            terms = {"curvature": region.curvature, "length": region.width}
+            grasps.append(Grasp(pose, width, score, "region", index, terms))
+        return grasps
+
+    def _clear_of(self, holds: Holds, plane: FloatArray | None) -> Holds:
+        """Raise the poses until the pads' tips are clear of the table."""
         if plane is not None:
-            tips = pose[:3, 3] + 0.5 * self.gripper.pad_length * rotation[:, 2]
-            missing = self.tip_clearance - float(plane[:3] @ tips + plane[3])
-            pose[:3, 3] += max(0.0, missing) * plane[:3]
-        # P is at most 2/3 (two neighbourhoods of σ = 1/3): 1 is flat on both sides, 0 has no flat side.
-        return Grasp(pose, high - low, 1.0 - 1.5 * terms.get("curvature", 0.0), kind, region, terms)
-
-
-def _aligned(points: FloatArray, axes: FloatArray) -> FloatArray:
-    """PCA of a region, its axes named after the object's: right-handed (3, 3), columns nearest to x, y, z of `axes`."""
-    own = principal_axes(points)
-    likeness = np.abs(axes.T @ own)
-    y = int(likeness[1].argmax())
-    x = max((i for i in range(3) if i != y), key=lambda i: likeness[0, i])
-    long = own[:, y] * np.where(own[:, y] @ axes[:, 1] < 0, -1.0, 1.0)
-    across = own[:, x] * np.where(own[:, x] @ axes[:, 0] < 0, -1.0, 1.0)
-    return np.column_stack([across, long, np.cross(across, long)])
-
-
-def _hand(points: FloatArray, axes: FloatArray, up: FloatArray | None) -> FloatArray:
-    """Grasp frame (3, 3) from the region's axes: see the class for the two rules."""
-    if up is None:
-        approach, closing = way_in(points, axes[:, 2]), axes[:, 0]
-    else:
-        approach = -up
-        upright = np.abs(up @ axes)
-        closing = axes[:, 0] if upright[0] <= max(upright[2], 0.7) else axes[:, 2]
-        closing = closing - (closing @ approach) * approach
-        closing /= np.linalg.norm(closing)
-    return np.column_stack([closing, np.cross(approach, closing), approach])
+            tips = holds.poses[:, :3, 3] + 0.5 * self.gripper.pad_length * holds.poses[:, :3, 2]
+            missing = self.tip_clearance - (tips @ plane[:3] + plane[3])
+            holds.poses[:, :3, 3] += np.maximum(0.0, missing)[:, None] * plane[:3]
+        return holds

@@ -51,15 +51,14 @@ def way_in(points: FloatArray, axis: FloatArray) -> FloatArray:
     return -axis if float(depth @ outward) < 0.0 else axis
 
 
-def slabs(y: FloatArray, height: float, *, partial: bool = True) -> list[IntArray]:
-    """Cut along y (N,) from y_max downward into slabs of this height: indices of each.
+def slab_of(y: FloatArray, height: float, *, partial: bool = True) -> IntArray:
+    """Cut along y (N,) from y_max downward into slabs of this height: the slab (N,) of each point, -1 for none.
 
-    There are int(H / height) whole ones and, with `partial`, what is left; slabs without points are left out.
+    There are int(H / height) whole ones and, with `partial`, what is left.
     """
-    order = np.floor((y.max() - y) / height).astype(np.int64)
-    last = int((y.max() - y.min()) / height)
-    order = np.minimum(order, last)
-    return [np.flatnonzero(order == i) for i in range(last + partial) if (order == i).any()]
+    order = ((y.max() - y) / height).astype(np.int64)
+    whole = int((y.max() - y.min()) / height)
+    return np.where(order < whole + partial, order, -1)
 
 
 def euclidean_clusters(points: FloatArray, tolerance: float) -> IntArray:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from grasping.primitives import all_alike, primitive_of
-from grasping.regions import euclidean_clusters, object_axes, principal_axes, slabs, voxel_clusters
+from grasping.regions import euclidean_clusters, object_axes, principal_axes, slab_of, voxel_clusters
 
 
 def test_object_axes_are_right_handed_with_y_along_the_object() -> None:
@@ -28,10 +28,9 @@ def test_axes_turn_with_the_object(seed: int) -> None:
 
 
 def test_slabs_run_from_the_top_and_the_last_is_partial() -> None:
-    y = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
-    parts = slabs(y, 1.0)
-    assert [sorted(y[part].tolist()) for part in parts] == [[2.0, 2.5], [1.0, 1.5], [0.0, 0.5]]
-    assert [len(part) for part in slabs(np.array([0.0, 0.1, 2.0]), 0.9)] == [1, 2]
+    y = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.25])
+    assert slab_of(y, 1.0).tolist() == [2, 1, 1, 0, 0, 0]
+    assert slab_of(y, 1.0, partial=False).tolist() == [-1, 1, 1, 0, 0, 0]
 
 
 def test_clusters_split_where_the_gap_exceeds_the_tolerance() -> None:
