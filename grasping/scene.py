@@ -24,6 +24,8 @@ class Segmenter:
 
     Things are told apart by their footprints on the table. Seen along its normal, parts of one object that hide each
     other from the camera still touch, and neighbours a gap apart do not. Without a table the clusters are Euclidean.
+    What touches or is stacked is one object, and what another hides the middle of may be two. Of what is flat only so
+    much is found as the sensor's noise leaves: an object of 12 mm up to a residual of the table of about 3 mm.
 
     depth_range: nearest and farthest distance from the frame's origin, m.
     plane_distance: RANSAC's inlier distance, m.
