@@ -228,13 +228,6 @@ def test_a_read_only_cloud_is_left_alone() -> None:
     np.testing.assert_array_equal(cloud, before)
 
 
-def test_a_million_points_are_planned_on() -> None:
-    rng = np.random.default_rng(0)
-    cloud = box_top(0.15, 0.05, 0.06)
-    cloud = cloud[rng.integers(0, len(cloud), 1_000_000)] + rng.normal(scale=5e-4, size=(1_000_000, 3))
-    assert CurvaturePlanner().plan(cloud, up=UP, table=TABLE).best is not None
-
-
 @settings(max_examples=100, deadline=None)
 @given(
     arrays(
