@@ -18,7 +18,7 @@ from pec.ordering import mirrored_anchor_positions
 __all__ = ["PEC2"]
 
 _WIDTH = 400
-_DROPOUT = 0.2
+_DROPOUT = 0.3
 
 
 class PEC2(nn.Module):
