@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,11 +25,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping import kernels, reference
 from grasping.clouds import object_cloud, require_near, workspace
+from grasping.contacts import CONTACT_BAND
 from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.profiles import Holds
-from grasping.ranking import LEAST_OVERLAP, Ranked, Rules
+from grasping.ranking import Ranked, Rules
 from grasping.survey import Survey, survey
 from grasping.views import View, views_from_above, views_without_table
 
@@ -102,6 +104,9 @@ class CurvaturePlanner:
             greatest_width=gripper.stroke - stroke_margin,
             friction=friction,
         )
+        # From above an object may be too flat to show how steep its sides are. A tilted hand must see it: the edge of a
+        # box, seen so, is a ridge between two slopes.
+        self._rules_tilted = replace(self._rules, least_overlap=max(self._rules.least_overlap, CONTACT_BAND / friction))
 
     @staticmethod
     def published(gripper: Gripper = ROBOTIQ_2F_140, **left_open: Any) -> PublishedPlanner:
@@ -153,10 +158,10 @@ class CurvaturePlanner:
 
     def _plan_view(self, view: View) -> tuple[Ranked | None, Holds | None, str]:
         """What holds along one approach; the coarse holds; why there is none."""
-        rules = self._rules
+        rules = self._rules_tilted if view.tilt else self._rules
         top = float(view.points[2, -1])
         lowest = max(view.floor + self.tip_clearance, top - self._reach)
-        deepest_top = top - LEAST_OVERLAP
+        deepest_top = top - rules.least_overlap
         if deepest_top <= lowest:
             high, clear = (top - view.floor) * 1e3, self.tip_clearance * 1e3
             return None, None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"

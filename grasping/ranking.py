@@ -45,6 +45,7 @@ class Rules:
     wished_room: float
     greatest_width: float
     friction: float
+    least_overlap: float = LEAST_OVERLAP
 
     @property
     def steepest(self) -> float:
@@ -105,7 +106,7 @@ def _against(contacts: Contacts, rules: Rules) -> list[NDArray[np.bool_]]:
         contacts.empty,
         contacts.width > rules.greatest_width,
         contacts.gap < rules.finger_room,
-        contacts.overlap < LEAST_OVERLAP,
+        contacts.overlap < rules.least_overlap,
         contacts.angle > rules.steepest,
         contacts.contact < LEAST_CONTACT,
     ]
@@ -123,7 +124,7 @@ def _coarse_score(view: View, holds: Holds, rules: Rules) -> FloatArray:
             "whole": holds.whole.astype(np.float64),
         }
     )
-    return np.where(holds.overlap >= LEAST_OVERLAP, score, score - 1.0)
+    return np.where(holds.overlap >= rules.least_overlap, score, score - 1.0)
 
 
 def _terms(view: View, contacts: Contacts, whole: FloatArray, rules: Rules) -> Terms:

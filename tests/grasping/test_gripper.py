@@ -80,13 +80,7 @@ def test_each_gripper_takes_what_fits(path: Path) -> None:
     assert tips(plan.best.pose, gripper.pad_length)[2] > 0.003
 
 
-def too_wide(path: Path) -> object:
-    """The planner tilts the Franka Hand by 35° and pinches a square edge: its pads are short, its contacts slip."""
-    marks = pytest.mark.xfail(strict=True, reason="the planner takes a square edge for parallel sides")
-    return pytest.param(path, marks=marks if path.stem == "panda_hand" else (), id=path.stem)
-
-
-@pytest.mark.parametrize("path", [too_wide(path) for path in GRIPPERS])
+@pytest.mark.parametrize("path", GRIPPERS, ids=lambda path: path.stem)
 def test_each_gripper_says_why_it_leaves_what_does_not_fit(path: Path) -> None:
     gripper = loaded(path)
     box = box_top(1.6 * gripper.stroke, 1.5 * gripper.stroke, 0.06)
