@@ -46,7 +46,7 @@ def main(cfg: DictConfig) -> None:
             continue
         print(
             f"{row['class']:18}{row['instances']:>10}{row['clouds']:>8}{row['points'][0]:>13}{row['points'][1]:>8}"
-            f"{row['points'][2]:>7}{row['median_depth_m']:>16.2f}"
+            f"{row['points'][2]:>7}{'–' if row['median_depth_m'] is None else row['median_depth_m']:>16}"
         )
     print(f"draws that were not kept: {summary['rejected']}")
     for instance, why in summary["skipped"].items():

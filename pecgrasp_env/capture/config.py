@@ -8,11 +8,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pecgrasp_env.objects import LARS_CLASSES
+from pecgrasp_env.objects.ycb import LOOK_ALIKES
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, SensorError, SensorMode, intrinsics_of
 
 __all__ = ["SCENARIOS", "CaptureConfig", "CaptureError", "ObjectsConfig", "TabletopConfig"]
 
-SCENARIOS = ("free", "tabletop")
+SCENARIOS = ("free", "tabletop", "surface")
+SOURCES = ("catalogue", "folder", "ycb", "modelnet10")
 POLICY_VIEWS = 4
 """Postures from which the policy looks."""
 
@@ -23,19 +25,32 @@ class CaptureError(ValueError):
 
 @dataclass(frozen=True)
 class ObjectsConfig:
-    """Which objects: the catalogue's (path None) or those of a mesh folder."""
+    """Which objects: those of a mesh folder, where there is a path, else those of a source."""
 
+    source: str = "catalogue"
+    """"catalogue": procedural. "folder": the meshes of path. "ycb": its five classes. "modelnet10": the archive that
+    path names."""
     path: str | None = None
     classes: tuple[str, ...] | None = None
-    """None: the five LARS classes of the catalogue, or every class of the folder."""
+    """None: the five LARS classes of the catalogue, or every class of the folder or of the source."""
     instances_per_class: int | None = None
-    """None: two of the catalogue, as in the LARS set, or every instance of the folder."""
+    """None: two of the catalogue, as in the LARS set, one of YCB, or every instance of the folder."""
     scale: float = 1.0
     """Factor from the units of the folder's meshes to metres."""
+    allow_open: bool = False
+    """Take meshes of the folder that are not closed, as thin shells."""
     seed: int = 0
     """The first instance that the catalogue draws."""
+    download: bool = False
+    """Of "ycb": ManiSkill's download instead of look-alikes out of the catalogue."""
 
     def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise CaptureError(f"objects.source {self.source!r} does not exist; choose one of {', '.join(SOURCES)}")
+        if self.source == "folder" and self.path is None:
+            raise CaptureError("objects.path must name a folder of meshes: FOLDER/<class>/<instance>.{obj,ply,stl,glb}")
+        if self.source == "modelnet10" and self.path is None:
+            raise CaptureError("objects.path must name ModelNet10.zip or the folder that was unpacked from it")
         if self.instances_per_class is not None and self.instances_per_class < 1:
             raise CaptureError(f"objects.instances_per_class must be at least 1, got {self.instances_per_class}")
         if self.classes is not None and (not self.classes or len(set(self.classes)) != len(self.classes)):
@@ -79,7 +94,8 @@ class CaptureConfig:
     """A scenario, its objects and its camera."""
 
     scenario: str = "free"
-    """"free": the published protocol, any pose in the air. "tabletop": at rest, seen and cut out as by the robot."""
+    """"free": the published protocol, any pose in the air. "tabletop": at rest, seen and cut out as by the robot.
+    "surface": points from all over the mesh, without a camera."""
     objects: ObjectsConfig = field(default_factory=ObjectsConfig)
     samples_per_instance: int = 1000
     sensor: SensorMode = "ideal"
@@ -95,12 +111,14 @@ class CaptureConfig:
     """A cloud with fewer points is thrown away and its pose drawn anew."""
     max_occlusion: float = 0.5
     """Of `tabletop`: an object of which others hide a larger share gives no sample of that frame."""
+    surface_points: int = 1024
+    """Of `surface`: points of a cloud."""
     seed: int = 0
     shard_size: int = 250
     """Samples a shard, of one instance in `free`, of those that share a table in `tabletop`."""
 
     def __post_init__(self) -> None:
-        for name in ("samples_per_instance", "min_points", "shard_size"):
+        for name in ("samples_per_instance", "min_points", "surface_points", "shard_size"):
             if getattr(self, name) < 1:
                 raise CaptureError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.scenario not in SCENARIOS:
@@ -132,24 +150,35 @@ class CaptureConfig:
             scenario=settings.get("scenario", "free"),
             tabletop=TabletopConfig(**(settings.get("tabletop") or {})),
             objects=ObjectsConfig(
-                path=objects["path"],
                 classes=None if classes is None else tuple(classes),
                 instances_per_class=settings["instances_per_class"],
-                scale=objects["scale"],
-                seed=objects["seed"],
+                **{name: objects[name] for name in ("source", "path", "scale", "allow_open", "seed", "download")},
             ),
             sensor=sensor["mode"],
             resolutions=(resolution,) if isinstance(resolution, str) else tuple(resolution),
             noise=D435Noise(**noise),
             **{
                 name: settings[name]
-                for name in ("samples_per_instance", "max_depth", "min_points", "max_occlusion", "seed", "shard_size")
+                for name in (
+                    "samples_per_instance",
+                    "max_depth",
+                    "min_points",
+                    "max_occlusion",
+                    "surface_points",
+                    "seed",
+                    "shard_size",
+                )
+                if name in settings
             },
         )
 
     def described(self) -> dict[str, Any]:
         """What decides the data, as JSON has it: without the numbers of a scenario or a sensor that is not used."""
-        unused = {"max_depth"} if self.scenario == "tabletop" else {"tabletop", "max_occlusion"}
+        unused = {
+            "free": {"tabletop", "max_occlusion", "surface_points"},
+            "tabletop": {"max_depth", "surface_points"},
+            "surface": {"tabletop", "max_occlusion", "max_depth", "min_points", "sensor", "resolutions", "noise"},
+        }[self.scenario]
         if self.sensor == "ideal":
             unused.add("noise")
         return json.loads(json.dumps({name: value for name, value in asdict(self).items() if name not in unused}))
@@ -162,6 +191,8 @@ class CaptureConfig:
     @property
     def cameras(self) -> list[dict[str, Any]]:
         """What a sample's `camera` counts: the resolutions, in `tabletop` each from all of the policy's postures."""
+        if self.scenario == "surface":
+            return [{"name": "none"}]
         known = list(zip(self.resolutions, map(asdict, self.intrinsics), strict=True))
         if self.scenario == "free":
             return [{"name": name, **camera} for name, camera in known]
@@ -173,4 +204,6 @@ class CaptureConfig:
         """Classes of the catalogue that the data set labels."""
         if self.objects.path is not None:
             return ()
+        if self.objects.source == "ycb":
+            return tuple(LOOK_ALIKES.values())
         return self.objects.classes or LARS_CLASSES

@@ -57,7 +57,7 @@ class FreeScenario:
                 self._studio.show([model])
                 samples = [self._draw(subject, seed, rejected) for seed in seeds]
             except CaptureError as error:
-                captured.given_up[model.instance] = str(error)
+                captured.given_up[subject.name] = str(error)
                 continue
             captured.samples += samples
             captured.rejected += rejected

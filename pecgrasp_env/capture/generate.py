@@ -126,7 +126,10 @@ def _finish(directory: Path, manifest: Manifest) -> Manifest:
         shards = [read_shard(directory / record.file, mapped=False) for record in manifest.shards]
         labels = np.concatenate([shard.class_index for shard in shards]).astype(np.int64)
         belong = np.concatenate([shard.instance_index for shard in shards]).astype(np.int64)
-        write_splits(directory, CloudDataset(manifest.classes, [], labels, belong, ""), manifest.seed)
+        official = None
+        if all("split" in instance for instance in manifest.instances):
+            official = np.array([instance["split"] == "test" for instance in manifest.instances])[belong]
+        write_splits(directory, CloudDataset(manifest.classes, [], labels, belong, ""), manifest.seed, official)
         write_manifest(directory, complete)
     for path in directory.glob(_PARTS):
         path.unlink()

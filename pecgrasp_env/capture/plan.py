@@ -12,7 +12,7 @@ import numpy as np
 
 from pec.shards import MANIFEST_NAME, Manifest
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.workers import Member, ShardJob, open_source
+from pecgrasp_env.capture.workers import Member, ShardJob, instance_entry, open_source
 
 __all__ = ["Part", "plan"]
 
@@ -51,9 +51,9 @@ def plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
     instances: list[dict[str, Any]] = []
     members: list[Member] = []
     for class_index, class_name in enumerate(source.classes):
-        for number, name in enumerate(source.names(class_name)[: config.objects.instances_per_class]):
+        for number in range(len(source.names(class_name)[: config.objects.instances_per_class])):
             members.append(Member(class_index, len(instances), number))
-            instances.append({"name": name, "class": class_name})
+            instances.append(instance_entry(source, class_name, number))
     jobs: list[ShardJob] = []
     for group in _groups(config, members):
         step = max(1, config.shard_size // len(group))
@@ -65,9 +65,10 @@ def plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
 
 
 def _groups(config: CaptureConfig, members: list[Member]) -> list[tuple[Member, ...]]:
-    """Those that are captured together: each alone in `free`, and in `tabletop` those that share a table."""
-    if config.scenario == "free":
-        return [(member,) for member in members]
+    """Those that are captured together: in `tabletop` those that share a table, else as many as fill a shard."""
+    if config.scenario != "tabletop":
+        size = max(1, config.shard_size // config.samples_per_instance)
+        return [tuple(members[start : start + size]) for start in range(0, len(members), size)]
     size = config.tabletop.objects_per_frame
     # At random, else those that share a table would be of one class.
     order = np.random.default_rng([config.seed, 0x7AB1E]).permutation(len(members))

@@ -27,13 +27,18 @@ class Subject:
     class_index: int
     instance_index: int
 
+    @property
+    def name(self) -> str:
+        """Class and instance: instances of two classes may have one name."""
+        return f"{self.model.class_name}/{self.model.instance}"
+
 
 @dataclass
 class Captured:
     """What a scenario made of its subjects.
 
     samples: in the order of the subjects, each subject's in the order of their making. rejected: draws that gave no
-    sample, by reason. given_up: why a subject could not be captured, by the name of its instance; it has no samples.
+    sample, by reason. given_up: why a subject could not be captured, by its name; it has no samples.
     """
 
     samples: list[CloudSample] = field(default_factory=list)

@@ -113,7 +113,7 @@ class TabletopScenario:
                 self._rest(subject.model)
                 kept.append(subject)
             except CaptureError as error:
-                captured.given_up[subject.model.instance] = str(error)
+                captured.given_up[subject.name] = str(error)
         if not kept:
             return captured
         # Frames are drawn from the names of those in the group and from the place of its samples in the data set.
@@ -139,7 +139,7 @@ class TabletopScenario:
                 captured.rejected += reasons[i]
             else:
                 why = ", ".join(f"{reason}: {n}" for reason, n in reasons[i].most_common())
-                captured.given_up[subject.model.instance] = (
+                captured.given_up[subject.name] = (
                     f"{_MOST_FRAMES} frames in a row gave no cloud of it ({why}); a smaller min_points or a larger "
                     "max_occlusion may help; what is below 8 mm or above 0.45 m is no object to the segmenter"
                 )

@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -24,11 +24,13 @@ from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.samples import Subject
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectError, ObjectModel
 from pecgrasp_env.objects.mesh_folder import MeshFolder
+from pecgrasp_env.objects.modelnet import ModelNetArchive
+from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes
 
 if TYPE_CHECKING:
     from pecgrasp_env.capture.samples import Scenario
 
-__all__ = ["Member", "Result", "ShardJob", "make_shards", "open_source"]
+__all__ = ["Member", "Result", "ShardJob", "Source", "instance_entry", "make_shards", "open_source"]
 
 
 _GO_ON = "on_error=skip goes on with the other objects"
@@ -61,11 +63,39 @@ Result = tuple[ShardRecord, list[dict[str, Any]]]
 """A written shard, and the manifest's entries for its instances."""
 
 
-def open_source(config: CaptureConfig) -> Catalogue | MeshFolder:
+def instance_entry(source: Source, class_name: str, number: int) -> dict[str, Any]:
+    """What the manifest says of an instance before it is captured."""
+    entry = {
+        "name": source.names(class_name)[number],
+        "class": class_name,
+        "origin": source.origin(class_name, number),
+    }
+    if isinstance(source, ModelNetArchive):
+        entry["split"] = source.split(class_name, number)
+    return entry
+
+
+class Source(Protocol):
+    """Where objects come from: classes, and instances of each, in a fixed order."""
+
+    classes: tuple[str, ...]
+
+    def names(self, class_name: str) -> list[str]: ...
+    def load(self, class_name: str, i: int) -> ObjectModel: ...
+    def origin(self, class_name: str, i: int) -> str: ...
+
+
+def open_source(config: CaptureConfig) -> Source:
     """The objects that `config` names. Raises ObjectError for an unknown class, an empty or missing folder."""
     objects = config.objects
+    if objects.path is not None and objects.source == "modelnet10":
+        return ModelNetArchive(objects.path, objects.classes)
     if objects.path is not None:
-        return MeshFolder(objects.path, objects.scale, objects.classes)
+        return MeshFolder(objects.path, objects.scale, objects.classes, objects.allow_open)
+    if objects.source == "ycb" and objects.download:
+        return YcbDownload(objects.classes, objects.seed)
+    if objects.source == "ycb":
+        return YcbLookAlikes(objects.classes, objects.instances_per_class, objects.seed)
     return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 2, objects.seed)
 
 
@@ -139,6 +169,10 @@ def _open_scenario(config: CaptureConfig) -> Scenario:
         from pecgrasp_env.capture.tabletop import TabletopScenario
 
         return TabletopScenario(config)
+    if config.scenario == "surface":
+        from pecgrasp_env.capture.surface import SurfaceScenario
+
+        return SurfaceScenario(config)
     from pecgrasp_env.capture.free import FreeScenario
 
     return FreeScenario(config)
@@ -162,14 +196,14 @@ class _Photographer:
         subjects, entries, skipped = [], [], {}
         for member in job.members:
             class_name = self._source.classes[member.class_index]
-            name = self._source.names(class_name)[member.number_in_class]
-            entry: dict[str, Any] = {"name": name, "class": class_name}
+            entry = instance_entry(self._source, class_name, member.number_in_class)
+            name = entry["name"]
             try:
                 model = self._source.load(class_name, member.number_in_class)
             except ObjectError as error:
                 if self._on_error == "stop":
                     raise ObjectError(f"{error}. {_GO_ON}") from error
-                skipped[name] = str(error)
+                skipped[f"{class_name}/{name}"] = str(error)
             else:
                 subjects.append(Subject(model, member.class_index, member.instance_index))
                 entry["extents_m"] = [round(float(size), 5) for size in model.extents]

@@ -321,14 +321,23 @@ def test_the_default_is_the_lars_set():
 
 
 @pytest.mark.parametrize(
-    "overrides", [[], ["objects=catalogue"], ["sensor=d435"], ["scenario=tabletop", "sensor=d435"]]
+    "overrides",
+    [
+        [],
+        ["dataset=lars"],
+        ["objects=catalogue"],
+        ["sensor=d435"],
+        ["scenario=tabletop", "sensor=d435"],
+        ["dataset=ycb"],
+    ],
 )
 def test_the_configurations_that_are_shipped_say_what_the_code_defaults_to(overrides):
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         settings = compose("generate", ["out=unused", *overrides])
     config = CaptureConfig.from_settings(OmegaConf.to_container(settings, resolve=True))
     classes = CLASSES if "objects=catalogue" in overrides else None
-    objects = ObjectsConfig(classes=classes, instances_per_class=10 if classes else None)
+    source = "ycb" if "dataset=ycb" in overrides else "catalogue"
+    objects = ObjectsConfig(source=source, classes=classes, instances_per_class=10 if classes else None)
     scenario = "tabletop" if "scenario=tabletop" in overrides else "free"
     sensor = "d435" if "sensor=d435" in overrides else "ideal"
     assert config == CaptureConfig(objects=objects, scenario=scenario, sensor=sensor, resolutions=("848x480",))
@@ -379,7 +388,7 @@ def test_a_folder_of_meshes_becomes_a_data_set(tmp_path):
         ("brick", "1", [0.1, 0.04, 0.03]),
         ("plank", "1", [0.2, 0.04, 0.03]),
     ]
-    assert [record.n_samples for record in manifest.shards] == [4, 4]
+    assert [record.n_samples for record in manifest.shards] == [8]
 
 
 def test_an_unknown_class_is_named_before_anything_is_written(tmp_path):
@@ -390,14 +399,14 @@ def test_an_unknown_class_is_named_before_anything_is_written(tmp_path):
 
 def test_an_object_in_millimetres_is_told_from_one_in_metres():
     made = FreeScenario(CaptureConfig()).capture([Subject(block(120, 80, 50), 0, 0)], 0, 1)
-    assert re.search(r"block_0000 is 120 m long.*objects\.scale", made.given_up["block_0000"])
+    assert re.search(r"block_0000 is 120 m long.*objects\.scale", made.given_up["block/block_0000"])
 
 
 def test_an_object_that_never_has_enough_points_is_given_up_with_the_reasons():
     scenario = FreeScenario(CaptureConfig(min_points=300_000, resolutions=("424x240",)))
     made = scenario.capture([Subject(block(0.1, 0.1, 0.1), 0, 0)], 0, 1)
     assert not made.samples
-    assert re.search(r"none of 2000 poses gave a cloud .*too few points: \d+", made.given_up["block_0000"])
+    assert re.search(r"none of 2000 poses gave a cloud .*too few points: \d+", made.given_up["block/block_0000"])
 
 
 def test_workers_and_a_file_in_the_way_are_named(tmp_path):

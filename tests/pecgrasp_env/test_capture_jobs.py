@@ -208,9 +208,9 @@ def test_objects_that_cannot_be_captured_stop_or_are_skipped(meshes, tmp_path, s
     with pytest.raises(ObjectError, match=r"broken\.obj|millimetres\.stl.*on_error=skip goes on"):
         generate(config, tmp_path / "data", workers=1)
     made = generate(config, tmp_path / "data", workers=1, on_error="skip")
-    assert set(made.skipped) == {"broken", "millimetres"}
-    assert "objects.scale=0.001" in made.skipped["millimetres"]
-    assert "broken.obj" in made.skipped["broken"]
+    assert set(made.skipped) == {"thing/broken", "thing/millimetres"}
+    assert "objects.scale=0.001" in made.skipped["thing/millimetres"]
+    assert "broken.obj" in made.skipped["thing/broken"]
     dataset = load_dataset(tmp_path / "data")
     assert np.bincount(dataset.labels).tolist() == [8, 4]
     names = [instance["name"] for instance in read_manifest(tmp_path / "data").instances]

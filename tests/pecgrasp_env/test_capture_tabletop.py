@@ -193,9 +193,9 @@ def test_an_object_that_the_segmenter_never_finds_is_given_up_with_the_reasons()
     flat = block(0.08, 0.06, 0.006, "card")
     made = TabletopScenario(TABLE).capture([Subject(flat, 0, 0), Subject(make_object("can", 0), 1, 1)], 0, 2)
     assert [sample.class_index for sample in made.samples] == [1, 1]
-    assert list(made.given_up) == ["card"]
-    assert "not found" in made.given_up["card"]
-    assert "8 mm" in made.given_up["card"]
+    assert list(made.given_up) == ["block/card"]
+    assert "not found" in made.given_up["block/card"]
+    assert "8 mm" in made.given_up["block/card"]
 
 
 def test_distractors_are_of_other_classes_and_give_no_sample():
