@@ -1,4 +1,4 @@
-"""Small charts as inline SVG: a confusion matrix, bars and a curve. Their colours come from the page's style."""
+"""Small charts as inline SVG: confusion matrix, bars, curve, histogram. Their colours come from the page's style."""
 
 from __future__ import annotations
 
@@ -89,6 +89,35 @@ def curve(series: dict[str, Sequence[float]], label: str) -> str:
         parts.append(_text(left + across - 4, top + down - 10 - 16 * k, name, "end", f"name{k}"))
     parts.append(_text(left, height - 14, "epoch 1", "start", "soft"))
     parts.append(_text(left + across, height - 14, str(longest), "end", "soft"))
+    return _svg(width, height, parts, label)
+
+
+def histogram(values: np.ndarray, label: str, unit: str = "", log: bool = False, bins: int = 40) -> str:
+    """How often values (n,) occur, in bins of one width, or of one ratio where `log`; the tip of a bar is its count."""
+    values = np.asarray(values, float)
+    values = values[np.isfinite(values) & (values > 0 if log else True)]
+    if not len(values):
+        return ""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        low, high = (low / 1.5, high * 1.5) if log else (low - 0.5, high + 0.5)
+    edges = np.geomspace(low, high, bins + 1) if log else np.linspace(low, high, bins + 1)
+    counts, _ = np.histogram(values, edges)
+    width, height, left, top = 420, 200, 12, 12
+    across, down = width - 2 * left, height - top - 34
+    bar = across / bins
+    parts = []
+    for k, count in enumerate(counts.tolist()):
+        tall = down * count / counts.max()
+        tip = html.escape(f"{number(edges[k])} to {number(edges[k + 1])} {unit}: {count:,}")
+        parts.append(
+            f'<rect class="bar" x="{left + k * bar:.1f}" y="{top + down - tall:.1f}" width="{max(bar - 1, 0.5):.1f}" '
+            f'height="{tall:.1f}"><title>{tip}</title></rect>'
+        )
+    parts.append(f'<line class="grid" x1="{left}" y1="{top + down}" x2="{left + across}" y2="{top + down}"/>')
+    for share, anchor in ((0.0, "start"), (0.5, "middle"), (1.0, "end")):
+        value = low * (high / low) ** share if log else low + share * (high - low)
+        parts.append(_text(left + share * across, height - 14, f"{number(value)} {unit}", anchor, "soft"))
     return _svg(width, height, parts, label)
 
 

@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from pec.errors import DatasetError
-from pecgrasp_env.capture import CaptureConfig, CaptureError, Part, generate, summarise
+from pecgrasp_env.capture import CaptureConfig, CaptureError, Part, generate, summarise, write_card
 from pecgrasp_env.objects import ObjectError
 from pecgrasp_env.sensor import SensorError
 
@@ -53,6 +53,8 @@ def main(cfg: DictConfig) -> None:
         print(f"skipped {instance}: {why}")
     print(f"{summary['new_clouds']} new clouds in {summary['seconds']} s ({summary['clouds_per_second']} clouds/s)")
     print(f"data set: {generation.directory}")
+    if part is None:
+        print(f"data card: {write_card(generation.directory)}")
 
 
 if __name__ == "__main__":

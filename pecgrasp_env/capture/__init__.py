@@ -1,5 +1,6 @@
 """Labelled clouds with no human in the loop: put an object before the camera, take a frame, cut out, label, save."""
 
+from pecgrasp_env.capture.card import write_card
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig
 from pecgrasp_env.capture.generate import Generation, generate
 from pecgrasp_env.capture.plan import Part
@@ -14,4 +15,5 @@ __all__ = [
     "TabletopConfig",
     "generate",
     "summarise",
+    "write_card",
 ]
