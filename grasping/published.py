@@ -1,14 +1,16 @@
 """The lateral-curvature planner exactly as the dissertation's chapter 5 specifies it.
 
-What its text leaves open is a named parameter here; the defaults follow the author's public release where it has a
-value. `CurvaturePlanner` is the planner for a real arm; this one is what it is measured against.
+What its text leaves open is a named parameter here. The defaults are the reading under which the claims of its figures
+come true most often on this project's catalogue (docs/published_figures.md); `PublishedPlanner.released()` has the
+values of the author's public release. `CurvaturePlanner` is the planner for a real arm; this one is what it is measured
+against.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +22,17 @@ from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.primitives import all_alike
 from grasping.published_poses import Holds, Parts, holds_of, own_axes
 from grasping.published_regions import RegionRules, regions_of
-from grasping.regions import object_axes, thinned
+from grasping.regions import Rest, object_axes, spread, thinned
 
 FloatArray = NDArray[np.float64]
+
+
+_RELEASED: dict[str, Any] = {
+    "thinning": "every",
+    "rest": "last slab",
+    "neighbour_divisors": (6, 3),
+    "curvature_floor": 0.016,
+}
 
 
 class PublishedPlanner:
@@ -33,19 +43,22 @@ class PublishedPlanner:
     Values that the text leaves open:
 
     n_points: the cloud is thinned to this many points, as the thresholds depend on density (256, inferred).
-    partial_slab: K = H_o / H_g is seldom whole. Slabs run from y_max downward; whether what is left at the other end is
-        a slab as well (public release) or in none.
+    thinning: "even", by farthest-point sampling, which makes neighbourhoods of one region alike; or "every" k-th point
+        in the order of the long axis.
+    rest: K = H_o / H_g is seldom whole. The slabs lie in the middle, and what is left at "both ends" is in none; or
+        they run from y_max downward, and what is left at the "lower end" is in none or is the "last slab" (public
+        release), which is less high, flatter and of another length than the others.
     slab_points: a slab needs more points than this (public release: 8).
     cluster_tolerance, cluster_points: Euclidean clusters in a slab, m, and their least and greatest number of points
         (public release: 0.02 or 0.03 m, 5 to 100). The whole slab stays a region beside them, as the text has it.
-    neighbour_divisor, least_neighbours: n of the neighbourhoods, which stay within their region and count the point
-        itself: k = N_region / n for the primitive, 2 N_region / n for a lateral curvature, and at least so many of
-        either. Public release: 6 by default, 4 in a launch file; 3 and 4.
+    neighbour_divisors, least_neighbours: n of the neighbourhoods for the primitive and for a lateral curvature, of
+        k = N_region / n points, at least so many. They stay within their region, count the point itself and take in
+        all points that are as near as the k-th. Public release: n = (6, 3), in a launch file (4, 2); 3 and 4 points.
     similar_length: regions whose lengths differ by no more are alike, m (public release: 8 mm).
     alike: which regions must be alike for the object to be one primitive: "consecutive" ones of those sorted by P
         (public release), so that the length may drift along them, or "all".
-    curvature_floor: a region with P at or below it is not taken; guards against almost empty neighbourhoods. Public
-        release: 0.016; the text has none, which is 0 here.
+    curvature_floor: a region with P at or below it is not taken. The text has none, which is 0. Public release: 0.016,
+        against almost empty neighbourhoods.
     tip_clearance: the pads' tips are kept this far above a known table, m. Not in the text; without a table no effect.
 
     The text has no rule for the approach. Here the closing axis is the region's own axis nearest to the object's x, the
@@ -61,22 +74,22 @@ class PublishedPlanner:
         gripper: Gripper = ROBOTIQ_2F_140,
         *,
         n_points: int = 256,
-        partial_slab: bool = True,
+        thinning: Literal["even", "every"] = "even",
+        rest: Rest = "both ends",
         slab_points: int = 8,
         cluster_tolerance: float = 0.02,
         cluster_points: tuple[int, int] = (5, 100),
-        neighbour_divisor: int = 6,
+        neighbour_divisors: tuple[int, int] = (4, 4),
         least_neighbours: tuple[int, int] = (3, 4),
         similar_length: float = 0.008,
         alike: Literal["consecutive", "all"] = "consecutive",
-        curvature_floor: float = 0.016,
+        curvature_floor: float = 0.0,
         tip_clearance: float = 0.004,
     ) -> None:
         for name, value, least in (
             ("n_points", n_points, 16),
             ("slab_points", slab_points, 0),
             ("cluster_tolerance", cluster_tolerance, 1e-6),
-            ("neighbour_divisor", neighbour_divisor, 1),
             ("similar_length", similar_length, 0.0),
             ("curvature_floor", curvature_floor, 0.0),
             ("tip_clearance", tip_clearance, 0.0),
@@ -85,17 +98,24 @@ class PublishedPlanner:
                 raise ConfigError(f"{name} = {value!r} must be at least {least}")
         if len(cluster_points) != 2 or not 1 <= cluster_points[0] <= cluster_points[1]:
             raise ConfigError(f"cluster_points = {cluster_points!r} must be (least, greatest), at least 1")
+        if thinning not in ("even", "every"):
+            raise ConfigError(f"thinning = {thinning!r} must be 'even' or 'every'")
+        if rest not in get_args(Rest):
+            raise ConfigError(f"rest = {rest!r} must be one of {', '.join(map(repr, get_args(Rest)))}")
+        if len(neighbour_divisors) != 2 or min(neighbour_divisors) < 1:
+            raise ConfigError(f"neighbour_divisors = {neighbour_divisors!r} must be (primitive, lateral), at least 1")
         if len(least_neighbours) != 2 or min(least_neighbours) < 3:
             raise ConfigError(f"least_neighbours = {least_neighbours!r} must be (primitive, lateral), at least 3")
         if alike not in ("consecutive", "all"):
             raise ConfigError(f"alike = {alike!r} must be 'consecutive' or 'all'")
         self.gripper = gripper
         self.n_points = n_points
-        self.partial_slab = partial_slab
+        self.thinning = thinning
+        self.rest = rest
         self.slab_points = slab_points
         self.cluster_tolerance = cluster_tolerance
         self.cluster_points = (cluster_points[0], cluster_points[1])
-        self.neighbour_divisor = neighbour_divisor
+        self.neighbour_divisors = (neighbour_divisors[0], neighbour_divisors[1])
         self.least_neighbours = (least_neighbours[0], least_neighbours[1])
         self.similar_length = similar_length
         self.alike = alike
@@ -103,13 +123,18 @@ class PublishedPlanner:
         self.tip_clearance = tip_clearance
         self._rules = RegionRules(
             height=gripper.finger_width,
-            partial_slab=partial_slab,
+            rest=rest,
             slab_points=slab_points,
             cluster_tolerance=cluster_tolerance,
             cluster_points=self.cluster_points,
-            neighbour_divisor=neighbour_divisor,
+            neighbour_divisors=self.neighbour_divisors,
             least_neighbours=self.least_neighbours,
         )
+
+    @staticmethod
+    def released(gripper: Gripper = ROBOTIQ_2F_140, **changed: Any) -> PublishedPlanner:
+        """With the values of the author's public release, but for those that are `changed`."""
+        return PublishedPlanner(gripper, **{**_RELEASED, **changed})
 
     def plan(
         self,
@@ -125,7 +150,7 @@ class PublishedPlanner:
         """
         cloud = object_cloud(points)
         up_vector, plane, _ = workspace(up, table, obstacles)
-        cloud = thinned(cloud, self.n_points)
+        cloud = (spread if self.thinning == "even" else thinned)(cloud, self.n_points)
         centroid = cloud.mean(axis=0)
         axes = object_axes(cloud)
         local = (cloud - centroid) @ axes
@@ -209,7 +234,8 @@ class PublishedPlanner:
                 regions[index] = replace(region, verdict=wide)
                 continue
             # P is at most 2/3 (two neighbourhoods of σ = 1/3): 1 is flat on both sides, 0 has no flat side.
-            score = 1.0 - 1.5 * region.curvature
+            # Rounded, so that regions that are all flat keep their order.
+            score = round(1.0 - 1.5 * region.curvature, 9)
             terms = {"curvature": region.curvature, "length": region.width}
             grasps.append(Grasp(pose, width, score, "region", index, terms))
         return grasps

@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 
 from grasping.curvature import smallest_eigenvalue_share
 from grasping.primitives import FLAT, Primitive, primitive_by_share
-from grasping.regions import slab_of
+from grasping.regions import Rest, slab_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,18 +40,18 @@ class RegionRules:
     """What decides on regions: the parameters of the same names of `PublishedPlanner`."""
 
     height: float
-    partial_slab: bool
+    rest: Rest
     slab_points: int
     cluster_tolerance: float
     cluster_points: tuple[int, int]
-    neighbour_divisor: int
+    neighbour_divisors: tuple[int, int]
     least_neighbours: tuple[int, int]
 
 
 def regions_of(local: FloatArray, rules: RegionRules) -> list[Region]:
     """Regions of the points (N, 3) along the object's axes: each slab and, where it falls apart, its clusters."""
     moments = np.column_stack([np.ones(len(local)), local, local[:, _I] * local[:, _J]])
-    slab = slab_of(local[:, 1], rules.height, partial=rules.partial_slab)
+    slab = slab_of(local[:, 1], rules.height, rules.rest)
     least, most = rules.cluster_points
     cut: list[tuple[int, int | None, IntArray]] = []
     sums: list[FloatArray] = []
@@ -89,8 +89,8 @@ def _sums(moments: FloatArray, square: FloatArray, rules: RegionRules) -> FloatA
     """
     count = len(moments)
     around, beside = (
-        min(max(fewest, times * count // rules.neighbour_divisor), count)
-        for times, fewest in zip((1, 2), rules.least_neighbours, strict=True)
+        min(max(fewest, count // divisor), count)
+        for divisor, fewest in zip(rules.neighbour_divisors, rules.least_neighbours, strict=True)
     )
     x = moments[:, 1]
     sides = [int(x.argmax()), int(x.argmin())]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Rest = Literal["both ends", "lower end", "last slab"]
 
 
 def principal_axes(points: FloatArray) -> FloatArray:
@@ -40,6 +42,26 @@ def thinned(points: FloatArray, count: int) -> FloatArray:
     return points[order[np.linspace(0, len(points) - 1, count).round().astype(np.int64)]]
 
 
+def spread(points: FloatArray, count: int) -> FloatArray:
+    """So many points as far from one another as can be: farthest-point sampling of four times as many (`thinned`).
+
+    It begins with the point that is farthest from the mean.
+    """
+    points = thinned(points, 4 * count)
+    if len(points) <= count:
+        return points
+    columns = np.ascontiguousarray((points - points.mean(axis=0)).T)
+    chosen = np.empty(count, dtype=np.int64)
+    nearest = np.full(len(points), np.inf)  # squared distance to the chosen
+    distance = np.square(columns).sum(axis=0)
+    for i in range(count):
+        chosen[i] = last = int(distance.argmax())
+        offset = columns - columns[:, last, None]
+        offset *= offset
+        distance = np.minimum(nearest, offset.sum(axis=0), out=nearest)
+    return points[chosen]
+
+
 def way_in(points: FloatArray, axis: FloatArray) -> FloatArray:
     """The unit axis (3,), turned away from whoever saw the points (N, 3).
 
@@ -51,14 +73,17 @@ def way_in(points: FloatArray, axis: FloatArray) -> FloatArray:
     return -axis if float(depth @ outward) < 0.0 else axis
 
 
-def slab_of(y: FloatArray, height: float, *, partial: bool = True) -> IntArray:
-    """Cut along y (N,) from y_max downward into slabs of this height: the slab (N,) of each point, -1 for none.
+def slab_of(y: FloatArray, height: float, rest: Rest) -> IntArray:
+    """Cut along y (N,) downward into int(H / height) slabs of this height: the slab (N,) of each point, -1 for none.
 
-    There are int(H / height) whole ones and, with `partial`, what is left.
+    rest: where what is left of H lies: at "both ends", half at each, or at the "lower end", in no slab; or as the
+    "last slab", which is less high.
     """
-    order = ((y.max() - y) / height).astype(np.int64)
-    whole = int((y.max() - y.min()) / height)
-    return np.where(order < whole + partial, order, -1)
+    extent = y.max() - y.min()
+    whole = int(extent / height)
+    above = 0.5 * (extent - whole * height) if rest == "both ends" else 0.0
+    order = np.floor((y.max() - above - y) / height).astype(np.int64)
+    return np.where(order < whole + (rest == "last slab"), np.maximum(order, -1), -1)
 
 
 def euclidean_clusters(points: FloatArray, tolerance: float) -> IntArray:

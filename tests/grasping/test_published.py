@@ -32,7 +32,7 @@ def test_a_small_object_is_held_at_its_centre_without_regions() -> None:
 
 
 def test_slabs_and_their_clusters_are_both_candidates_so_pliers_can_be_held_by_both_handles() -> None:
-    plan = PublishedPlanner(curvature_floor=0.0).plan(pliers(step=0.004))
+    plan = PublishedPlanner().plan(pliers(step=0.004))
     through_handles = [region for region in plan.regions if region.cluster is not None]
     assert through_handles
     for part in through_handles:
@@ -47,7 +47,7 @@ def test_candidates_are_ranked_by_the_sum_of_lateral_curvatures() -> None:
     plan = CurvaturePlanner.published().plan(pliers(step=0.004))
     assert plan.best is plan.candidates[0]
     curvatures = [grasp.terms["curvature"] for grasp in plan.candidates]
-    assert curvatures == sorted(curvatures)
+    assert curvatures == pytest.approx(sorted(curvatures), abs=1e-9)
     for grasp in plan.candidates:
         assert grasp.region is not None
         assert plan.regions[grasp.region].curvature == grasp.terms["curvature"]
@@ -55,7 +55,7 @@ def test_candidates_are_ranked_by_the_sum_of_lateral_curvatures() -> None:
 
 def test_regions_below_the_curvature_floor_are_named_and_not_taken() -> None:
     cloud = pliers(step=0.004)
-    low = PublishedPlanner(curvature_floor=0.0).plan(cloud)
+    low = PublishedPlanner().plan(cloud)
     floor = float(np.median([region.curvature for region in low.regions]))
     plan = PublishedPlanner(curvature_floor=floor).plan(cloud)
     for region in plan.regions:
@@ -66,39 +66,48 @@ def test_regions_below_the_curvature_floor_are_named_and_not_taken() -> None:
 def test_without_a_floor_even_a_perfectly_flat_region_is_taken() -> None:
     wide, narrow = (box_top(0.08, width, 0.0, step=0.006, bottom=False) for width in (0.06, 0.02))
     plate = np.vstack([wide, moved(narrow, x=0.08)])
-    assert {region.verdict for region in PublishedPlanner(curvature_floor=0.0).plan(plate).regions} == {"candidate"}
-    refused = PublishedPlanner().plan(plate)
+    assert {region.verdict for region in PublishedPlanner().plan(plate).regions} == {"candidate"}
+    refused = PublishedPlanner.released().plan(plate)
     assert refused.best is None
     assert "lateral curvature of 0.016 or less" in str(refused.reason)
 
 
-def test_the_rest_below_the_last_whole_slab_is_a_region_only_where_asked_for() -> None:
+def test_the_rest_of_the_length_is_a_region_only_where_asked_for() -> None:
     cloud = pliers(step=0.004)
-    length = np.ptp(cloud[:, 0])
-    with_rest = PublishedPlanner().plan(cloud)
-    without = PublishedPlanner(partial_slab=False).plan(cloud)
-    assert {region.slab for region in with_rest.regions} == set(range(int(length / 0.027) + 1))
-    assert {region.slab for region in without.regions} == set(range(int(length / 0.027)))
+    whole = int(np.ptp(cloud[:, 0]) / 0.027)
+    assert {region.slab for region in PublishedPlanner.released().plan(cloud).regions} == set(range(whole + 1))
+    for rest in ("both ends", "lower end"):
+        plan = PublishedPlanner(rest=rest).plan(cloud)  # type: ignore[arg-type]
+        assert {region.slab for region in plan.regions} == set(range(whole))
+    middle = np.concatenate([region.points for region in PublishedPlanner().plan(cloud).regions])
+    left = middle[:, 0].min() - cloud[:, 0].min(), cloud[:, 0].max() - middle[:, 0].max()
+    assert left[0] == pytest.approx(left[1], abs=0.005)
+
+
+def test_the_values_of_the_public_release_are_at_hand_and_can_be_changed() -> None:
+    released = PublishedPlanner.released(curvature_floor=0.0)
+    assert (released.rest, released.thinning, released.neighbour_divisors) == ("last slab", "every", (6, 3))
+    assert released.curvature_floor == 0.0
 
 
 def test_lengths_may_drift_along_consecutive_regions_but_not_where_all_must_be_alike() -> None:
     # A cone: 5 mm less from slab to slab.
     cone = ringed_cylinder(1.0, 0.1349, rings=30, around=16)
     cone[:, [0, 2]] *= 0.034 - 0.0925 * cone[:, 1:2]
-    consecutive = PublishedPlanner(n_points=1000, neighbour_divisor=4).plan(cone)
+    consecutive = PublishedPlanner(n_points=1000).plan(cone)
     assert consecutive.best is not None
     assert consecutive.best.kind == "primitive"
-    every = PublishedPlanner(n_points=1000, neighbour_divisor=4, alike="all").plan(cone)
+    every = PublishedPlanner(n_points=1000, alike="all").plan(cone)
     assert every.best is not None
     assert every.best.kind == "region"
 
 
 def test_the_default_planner_hands_on_what_the_text_leaves_open() -> None:
-    planner = CurvaturePlanner.published(neighbour_divisor=4, cluster_tolerance=0.03)
+    planner = CurvaturePlanner.published(neighbour_divisors=(6, 3), cluster_tolerance=0.03)
     assert isinstance(planner, PublishedPlanner)
-    assert (planner.neighbour_divisor, planner.cluster_tolerance) == (4, 0.03)
-    with pytest.raises(ConfigError, match="neighbour_divisor"):
-        CurvaturePlanner.published(neighbour_divisor=0)
+    assert (planner.neighbour_divisors, planner.cluster_tolerance) == ((6, 3), 0.03)
+    with pytest.raises(ConfigError, match="neighbour_divisors"):
+        CurvaturePlanner.published(neighbour_divisors=(0, 4))
 
 
 def test_a_region_is_turned_to_its_own_axes() -> None:
@@ -107,14 +116,14 @@ def test_a_region_is_turned_to_its_own_axes() -> None:
     handle = box_top(0.120, 0.020, 0.03, step=0.004)
     angle = np.deg2rad(20)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    plan = PublishedPlanner(curvature_floor=0.0).plan(np.vstack([body, moved(handle, x=0.07) @ turn.T]))
+    plan = PublishedPlanner().plan(np.vstack([body, moved(handle, x=0.07) @ turn.T]))
     assert plan.best is not None
     closings = {tuple(np.round(grasp.pose[:3, 0], 3)) for grasp in plan.candidates}
     assert len(closings) > 1
 
 
 def test_a_large_primitive_has_a_reason_with_its_width() -> None:
-    plan = CurvaturePlanner.published().plan(ringed_cylinder(0.09, 0.4049, rings=30, around=12))
+    plan = CurvaturePlanner.published(n_points=1000).plan(ringed_cylinder(0.09, 0.4049, rings=30, around=12))
     assert plan.best is None
     assert plan.candidates == []
     assert str(plan.reason).startswith("the object is one ")
@@ -143,7 +152,9 @@ def test_points_in_any_order_give_the_same_plan() -> None:
     ("name", "value"),
     [
         ("n_points", 3),
-        ("neighbour_divisor", 0),
+        ("neighbour_divisors", (4, 0)),
+        ("thinning", "some"),
+        ("rest", "somewhere"),
         ("similar_length", -1.0),
         ("curvature_floor", float("nan")),
         ("cluster_tolerance", 0.0),

@@ -79,17 +79,20 @@ SHAPES = {
 def test_regions_primitives_lengths_and_curvatures_are_those_of_the_text(seed: int, name: str, n: int) -> None:
     cloud = scattered(SHAPES[name], 160, seed)
     expected = sorted(regions_by_loops(cloud, n), key=lambda region: region[3])
-    plan = PublishedPlanner(neighbour_divisor=n).plan(cloud)
+    plan = PublishedPlanner.released(neighbour_divisors=(n, n // 2)).plan(cloud)
     found = sorted(plan.regions, key=lambda region: region.curvature)
     assert [(len(region.points), region.primitive) for region in found] == [region[:2] for region in expected]
     np.testing.assert_allclose([region.width for region in found], [region[2] for region in expected], atol=1e-9)
     np.testing.assert_allclose([region.curvature for region in found], [region[3] for region in expected], atol=1e-9)
 
     alike = all(a[1] == b[1] and abs(a[2] - b[2]) <= 0.008 for a, b in pairwise(expected))
+    fitting = [region[3] for region in expected if region[2] <= 0.140 and region[3] > 0.016]
+    if not alike and not fitting:
+        assert plan.best is None
+        return
     assert plan.best is not None
     assert (plan.best.kind == "primitive") == alike
     if alike:
         np.testing.assert_allclose(plan.best.pose[:3, 3], cloud.mean(axis=0), atol=1e-9)
     else:
-        best = min(region[3] for region in expected if region[2] <= 0.140 and region[3] > 0.016)
-        assert plan.best.terms["curvature"] == pytest.approx(best, abs=1e-9)
+        assert plan.best.terms["curvature"] == pytest.approx(min(fitting), abs=1e-9)

@@ -4,10 +4,11 @@ import numpy as np
 from grasping_shapes import grid, whole_cylinder
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.distance import cdist, pdist
 from scipy.spatial.transform import Rotation
 
 from grasping.primitives import all_alike, primitive_of
-from grasping.regions import euclidean_clusters, object_axes, principal_axes, slab_of, voxel_clusters
+from grasping.regions import euclidean_clusters, object_axes, principal_axes, slab_of, spread, voxel_clusters
 
 
 def test_object_axes_are_right_handed_with_y_along_the_object() -> None:
@@ -27,10 +28,23 @@ def test_axes_turn_with_the_object(seed: int) -> None:
     np.testing.assert_allclose(principal_axes(cloud @ turn.T + seed), turn @ principal_axes(cloud), atol=1e-6)
 
 
-def test_slabs_run_from_the_top_and_the_last_is_partial() -> None:
-    y = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.25])
-    assert slab_of(y, 1.0).tolist() == [2, 1, 1, 0, 0, 0]
-    assert slab_of(y, 1.0, partial=False).tolist() == [-1, 1, 1, 0, 0, 0]
+def test_what_the_slabs_leave_is_at_both_ends_at_the_lower_end_or_a_slab() -> None:
+    y = np.array([0.0, 0.2, 0.5, 1.0, 1.5, 2.0, 2.25, 2.5])
+    assert slab_of(y, 1.0, "last slab").tolist() == [2, 2, 2, 1, 1, 0, 0, 0]
+    assert slab_of(y, 1.0, "lower end").tolist() == [-1, -1, -1, 1, 1, 0, 0, 0]
+    assert slab_of(y, 1.0, "both ends").tolist() == [-1, -1, 1, 1, 0, 0, 0, -1]
+
+
+def test_spread_points_cover_the_cloud_as_closely_as_they_are_apart() -> None:
+    cloud = np.random.default_rng(0).uniform(size=(200, 3))
+    chosen = spread(cloud, 50)
+    assert len(np.unique(chosen, axis=0)) == 50
+    away = cdist(cloud, chosen).min(axis=1)
+    assert np.count_nonzero(away == 0.0) == 50
+    gap = pdist(chosen).min()
+    assert away.max() <= gap
+    assert gap > 2 * pdist(cloud[:50]).min()
+    assert len(spread(cloud, 300)) == 200
 
 
 def test_clusters_split_where_the_gap_exceeds_the_tolerance() -> None:
