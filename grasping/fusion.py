@@ -14,6 +14,7 @@ from grasping.errors import CloudError, ConfigError, require_between
 from grasping.frames import Frame
 from grasping.plane import LEAST_SHARE, SAMPLED, Plane, find_table, refine
 from grasping.registration import Alignment, Surface, align, moved
+from grasping.voxels import cube_means, cubes
 
 FloatArray = NDArray[np.float64]
 
@@ -123,26 +124,9 @@ def fuse(
     joining = _Joining(prepared, distance, int(iterations), max_shift, max_turn)
     joining.run()
     merged = [moved(joining.found[number], prepared[number].points) for number in sorted(joining.found)]
-    points = voxel_grid(np.concatenate(merged), voxel) if merged else np.empty((0, 3))
-    return Fused(points, [joining.report(number) for number in range(len(views))])
-
-
-def voxel_grid(points: NDArray, voxel: float) -> FloatArray:
-    """(M, 3) the mean of the points (N, 3) in each cube of a grid through the origin, in the cubes' order."""
-    return _means(points, _cubes(points, voxel))
-
-
-def _cubes(points: NDArray, voxel: float) -> NDArray[np.int64]:
-    """Number (N,) of the cube that each point is in, from 0 without gaps."""
-    corner = np.floor(points / voxel).astype(np.int64)
-    corner -= corner.min(axis=0)
-    size = corner.max(axis=0) + 1
-    _, cubes = np.unique((corner[:, 0] * size[1] + corner[:, 1]) * size[2] + corner[:, 2], return_inverse=True)
-    return np.asarray(cubes, dtype=np.int64)
-
-
-def _means(points: NDArray, cubes: NDArray[np.int64]) -> FloatArray:
-    return np.column_stack([np.bincount(cubes, weights=column) for column in points.T]) / np.bincount(cubes)[:, None]
+    points = np.concatenate(merged) if merged else np.empty((0, 3))
+    grid = cube_means(points, cubes(points, voxel)) if merged else points
+    return Fused(grid, [joining.report(number) for number in range(len(views))])
 
 
 def _stray(points: FloatArray) -> NDArray[np.bool_]:
@@ -180,13 +164,13 @@ def _prepare(
         raise CloudError(f"{name}: spans {span:.6g} m, more than {LARGEST_OBJECT} m; are these millimetres?")
     if not len(points):
         return _View(points, T, None, "nothing is left without the table")
-    cubes = _cubes(points, voxel)
-    while cubes.max() >= MOST_POINTS:
+    numbers = cubes(points, voxel)
+    while numbers.max() >= MOST_POINTS:
         voxel *= 1.5
-        cubes = _cubes(points, voxel)
-    thin = _means(points, cubes)
+        numbers = cubes(points, voxel)
+    thin = cube_means(points, numbers)
     stray = _stray(thin)
-    points, thin = points[~stray[cubes]], thin[~stray]
+    points, thin = points[~stray[numbers]], thin[~stray]
     if len(thin) < LEAST_POINTS:
         return _View(points, T, None, f"only {len(thin)} points on the voxel grid, {LEAST_POINTS} are needed")
     return _View(points, T, Surface.of(thin, eye), None)

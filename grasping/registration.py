@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from grasping.curvature import covariances
+
 FloatArray = NDArray[np.float64]
 
 NEIGHBOURS = 30  # for a normal: on a grid of 2 mm a patch of 6 mm, on which noise of 1 mm turns it by 3°
@@ -38,9 +40,7 @@ class Surface:
     def of(points: FloatArray, eye: FloatArray | None = None) -> Surface:
         """The surface that a cloud (N, 3) lies on. eye: (3,) from where it was seen."""
         _, near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))
-        patch = points[near] - points[near].mean(axis=1, keepdims=True)
-        _, vectors = np.linalg.eigh(np.swapaxes(patch, 1, 2) @ patch)
-        normals = vectors[:, :, 0]
+        normals = np.linalg.eigh(covariances(points[near]))[1][:, :, 0]
         if eye is not None:
             normals = np.where(np.einsum("ij,ij->i", normals, eye - points)[:, None] < 0, -normals, normals)
         return Surface(points, normals, eye is not None)

@@ -16,6 +16,7 @@ from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.primitives import primitive_of
 from grasping.regions import principal_axes, thinned
+from grasping.voxels import cube_means, cubes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -240,12 +241,7 @@ def _boxed(surface: _Surface, cut: _Cut, axes: FloatArray, size: float) -> _Surf
 def _box_means(points: FloatArray, values: FloatArray, axes: FloatArray, size: float) -> FloatArray:
     """Means (B, d) of the values (N, d) over the cubes of this size, along the axes, that hold points (N, 3)."""
     place = points @ axes
-    cell = np.floor((place - place.min(axis=0)) / size).astype(np.int64)
-    shape = cell.max(axis=0) + 1
-    _, box = np.unique((cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2], return_inverse=True)
-    box = box.reshape(-1)
-    sums = np.stack([np.bincount(box, column) for column in values.T], axis=1)
-    return sums / np.bincount(box)[:, None]
+    return cube_means(values, cubes(place - place.min(axis=0), size))
 
 
 def _ranks(one: _Surface, other: _Surface, over: Sides, cut: _Cut) -> tuple[FloatArray, FloatArray]:

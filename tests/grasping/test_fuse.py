@@ -5,85 +5,13 @@ import warnings
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from seen_shapes import ball, box, box_with_handle, camera, cylinder, jolt, off, seen, views_of
 
 from grasping import CloudError, ConfigError, Fused, fuse
-from grasping.fusion import voxel_grid
 from grasping.registration import Alignment, moved
+from grasping.voxels import cube_means, cubes
 
-Shape = tuple[np.ndarray, np.ndarray]  # points and outward normals, (N, 3)
-
-
-def box(n: int, size: tuple, rng: np.random.Generator, at: tuple = (0.0, 0.0, 0.0)) -> Shape:
-    sides = np.asarray(size, float)
-    areas = np.repeat([sides[1] * sides[2], sides[0] * sides[2], sides[0] * sides[1]], 2)
-    face = rng.choice(6, n, p=areas / areas.sum())
-    sign = np.where(face % 2, 0.5, -0.5)
-    unit, normals = rng.uniform(-0.5, 0.5, (n, 3)), np.zeros((n, 3))
-    unit[np.arange(n), face // 2] = sign
-    normals[np.arange(n), face // 2] = np.sign(sign)
-    return unit * sides + at, normals
-
-
-def box_with_handle(rng: np.random.Generator) -> Shape:
-    body, handle = box(3200, (0.10, 0.06, 0.08), rng), box(800, (0.07, 0.02, 0.02), rng, (0.085, 0.0, 0.01))
-    return np.vstack([body[0], handle[0]]), np.vstack([body[1], handle[1]])
-
-
-def cylinder(rng: np.random.Generator, n: int = 4000, radius: float = 0.033, height: float = 0.10) -> Shape:
-    angle, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(-height / 2, height / 2, n)
-    side, up = rng.random(n) < height / (height + radius), np.where(rng.random(n) < 0.5, 1.0, -1.0)
-    at = np.where(side, radius, radius * np.sqrt(rng.random(n)))
-    points = np.column_stack([at * np.cos(angle), at * np.sin(angle), np.where(side, z, up * height / 2)])
-    flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
-    return points, np.where(side[:, None], flat, up[:, None] * [0.0, 0.0, 1.0])
-
-
-def ball(rng: np.random.Generator, n: int = 4000, radius: float = 0.035) -> Shape:
-    normals = rng.normal(size=(n, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals * radius, normals
-
-
-def camera(azimuth: float, elevation: float = 0.8, distance: float = 0.5) -> np.ndarray:
-    """T_world_camera that looks at the origin."""
-    away = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    x = np.cross(-away, [0, 0, 1])
-    x /= np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3, :3] = np.column_stack([x, np.cross(-away, x), -away])
-    T[:3, 3] = distance * away
-    return T
-
-
-def seen(shape: Shape, T: np.ndarray, rng: np.random.Generator, noise: float = 0.0) -> np.ndarray:
-    """What a camera at T_world_camera sees of it, in its own frame; noise along the rays, m."""
-    points, normals = shape
-    towards = T[:3, 3] - points
-    front = np.einsum("ij,ij->i", towards, normals) > 0.1 * np.linalg.norm(towards, axis=1)
-    own = (points[front] - T[:3, 3]) @ T[:3, :3]
-    return own * (1 + rng.normal(size=(len(own), 1)) * noise / np.linalg.norm(own, axis=1, keepdims=True))
-
-
-def jolt(rng: np.random.Generator, shift: float = 0.01, turn_deg: float = 3.0) -> np.ndarray:
-    """An error of a pose: up to ±shift m along and ±turn about each axis."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(np.radians(rng.uniform(-turn_deg, turn_deg, 3))).as_matrix()
-    T[:3, 3] = rng.uniform(-shift, shift, 3)
-    return T
-
-
-def off(T: np.ndarray, expected: np.ndarray, points: np.ndarray) -> float:
-    """How far the pose puts the farthest of the points from where it belongs, m."""
-    return float(np.linalg.norm(moved(T, points) - moved(expected, points), axis=1).max())
-
-
-def views_of(make, seed: int, noise: float, azimuths: tuple = (0.3, 0.7, 1.1)) -> tuple:
-    """Clouds, true poses and rough poses; the first pose is exact. Each view has its own points, but without noise."""
-    rng = np.random.default_rng(seed)
-    same = make(rng)
-    poses = [camera(azimuth) for azimuth in azimuths]
-    clouds = [seen(make(rng) if noise else same, T, rng, noise) for T in poses]
-    return clouds, poses, [poses[0]] + [jolt(rng) @ T for T in poses[1:]]
+VOXEL = 0.002  # m, the default
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -173,7 +101,8 @@ def test_a_view_that_does_not_overlap_is_left_out_and_said() -> None:
     assert "% of its points lie within 10 mm" in str(fused.views[1].reason)
     assert "view 1 left out" in fused.summary()
     np.testing.assert_array_equal(fused.views[1].T_common_view, elsewhere)
-    np.testing.assert_allclose(fused.points, voxel_grid(moved(poses[0], clouds[0]), 0.002))
+    first = moved(poses[0], clouds[0])
+    np.testing.assert_allclose(fused.points, cube_means(first, cubes(first, VOXEL)))
 
 
 def test_a_view_that_would_leave_its_rough_pose_is_left_out_and_said() -> None:
@@ -249,17 +178,6 @@ def test_organised_frames_and_float32_will_do() -> None:
         frames.append(frame.reshape(60, 60, 3))
     fused = fuse(frames, poses=rough)
     assert off(fused.views[1].T_common_view, poses[1], clouds[1]) < 0.002
-
-
-def test_the_voxel_grid_holds_the_mean_of_each_cube() -> None:
-    points = np.array([[0.0001, 0, 0], [0.0019, 0, 0], [0.0021, 0, 0], [-0.0001, 0, 0]])
-    np.testing.assert_allclose(voxel_grid(points, 0.002), [[-0.0001, 0, 0], [0.001, 0, 0], [0.0021, 0, 0]])
-    rng = np.random.default_rng(0)
-    cloud = rng.uniform(-0.1, 0.1, (5000, 3))
-    merged = voxel_grid(cloud, 0.01)
-    assert (
-        len(merged) == len(np.unique(np.floor(merged / 0.01), axis=0)) == len(np.unique(np.floor(cloud / 0.01), axis=0))
-    )
 
 
 def test_odd_views_are_left_out_without_a_warning() -> None:
