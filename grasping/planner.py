@@ -196,31 +196,25 @@ class CurvaturePlanner:
 
     def _grasps(self, view: View, ranked: Ranked, seen: Survey) -> list[Grasp]:
         contacts = ranked.contacts
-        x, y, tip, heading = contacts.x, contacts.y, contacts.tip, contacts.heading
-        count, cos, sin = len(x), np.cos(heading), np.sin(heading)
-        turns = np.zeros((2, count, 3))
-        turns[0, :, 0], turns[0, :, 1], turns[1, :, 0], turns[1, :, 1] = cos, sin, sin, -cos
-        tips = view.origin + np.stack([x, y, tip], axis=1) @ view.axes.T
+        x, y, tip = contacts.x, contacts.y, contacts.tip
+        count, cos, sin = len(x), np.cos(contacts.heading), np.sin(contacts.heading)
+        # Seen along the approach, a row each: the closing axis, the axis across it, the approach, the tips.
+        local = np.zeros((count, 4, 3))
+        local[:, 0, 0], local[:, 0, 1], local[:, 1, 0], local[:, 1, 1] = cos, sin, sin, -cos
+        local[:, 2, 2] = -1.0
+        local[:, 3, 0], local[:, 3, 1], local[:, 3, 2] = x, y, tip
         poses = np.zeros((count, 4, 4))
-        poses[:, :3, 0], poses[:, :3, 1] = turns @ view.axes.T
-        poses[:, :3, 2] = -view.axes[:, 2]
+        poses[:, :3] = (local @ view.axes.T).transpose(0, 2, 1)
+        tips = poses[:, :3, 3] + view.origin
         poses[:, :3, 3] = tips + 0.5 * self.gripper.pad_length * view.axes[:, 2]
         poses[:, 3, 3] = 1.0
-        one_primitive, near = seen.one_primitive(), 0.5 * self.gripper.finger_width
-        away = np.hypot(x - view.centre[0], y - view.centre[1]).tolist()
-        named = {
-            **ranked.terms,
-            "tip_height": tip - view.floor,
-            "tilt": np.full(count, view.tilt),
-        }
-        rows = np.array(list(named.values())).T.tolist()
-        grasps = []
-        for pose, width, score, distance, region, row in zip(
-            poses, contacts.width.tolist(), ranked.score.tolist(), away, seen.regions_at(tips), rows, strict=True
-        ):
-            own = dict(zip(named, row, strict=True))
-            if one_primitive and distance < near:
-                grasps.append(Grasp(pose, width, score, "primitive", None, own))
-            else:
-                grasps.append(Grasp(pose, width, score, "region", region, own))
-        return grasps
+        own = {**ranked.terms, "tip_height": tip - view.floor, "tilt": np.full(count, view.tilt)}
+        rows = [dict(zip(own, row, strict=True)) for row in np.array(list(own.values())).T.tolist()]
+        whole = np.zeros(count, dtype=bool)  # held at the centre of an object that is one primitive
+        if seen.one_primitive():
+            whole = np.hypot(x - view.centre[0], y - view.centre[1]) < 0.5 * self.gripper.finger_width
+        columns = (poses, contacts.width.tolist(), ranked.score.tolist(), whole.tolist(), seen.regions_at(tips), rows)
+        return [
+            Grasp(pose, width, score, "primitive" if all_of_it else "region", None if all_of_it else region, terms)
+            for pose, width, score, all_of_it, region, terms in zip(*columns, strict=True)
+        ]

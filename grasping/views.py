@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasping import exact
 from grasping.projection import cells
-from grasping.regions import object_axes
+from grasping.regions import principal_axes
 
 FloatArray = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def views_from_above(
     """
     first = _cross(up, np.eye(3)[int(np.abs(up).argmin())])
     first /= math.sqrt(first @ first)
-    level = np.column_stack([first, _cross(up, first), up])
+    level = np.array([first, _cross(up, first), up]).T
     table_height = float(exact.project(cloud, up).min()) if table is None else -float(table[3])
     axes = level @ _upright(*by.short_side(cloud, level, 0.0))
     thinned = cloud if cloud.shape[1] <= n_points else by.thin(cloud, axes, BOX)
@@ -81,15 +81,15 @@ def views_without_table(cloud: FloatArray, obstacles: FloatArray, n_points: int,
 
     cloud: (3, N). by: `reference` or `kernels`.
     """
-    axes = object_axes(cloud.T)
-    for third in (2, 0):
-        against = axes[:, third]
-        depth = against @ (cloud - cloud.mean(axis=1, keepdims=True))
+    long, second, _ = principal_axes(cloud.T).T
+    third = _cross(second, long)
+    centred = cloud - cloud.mean(axis=1, keepdims=True)
+    for against, short in ((third, second), (second, third)):
+        depth = against @ centred
         # Few points lie far behind a bulging surface: the tail of the distribution shows the way in.
         against = against if float((depth * depth * depth).sum()) < 0.0 else -against
         for way in (against, -against):
-            short = axes[:, 2 - third]
-            frame = np.column_stack([short, _cross(way, short), way])
+            frame = np.array([short, _cross(way, short), way]).T
             thinned = cloud if cloud.shape[1] <= n_points else by.thin(cloud, frame, BOX)
             yield _view(thinned, obstacles, frame, None, 0.0, by)
 
