@@ -32,6 +32,12 @@ def box_top(length: float, width: float, height: float, step: float = 0.003, bot
     return np.vstack(parts)
 
 
+def roof(height: float) -> FloatArray:
+    """A board of 160 × 120 mm over the origin, of which the lower side is there."""
+    board = grid((-0.08, 0.08), (-0.06, 0.06), step=0.004)
+    return np.column_stack([board, np.full(len(board), height)])
+
+
 def standing_can(radius: float, height: float, step: float = 0.003) -> FloatArray:
     """A can as seen from above and one side: its top disc and half of its wall."""
     disc = grid((-radius, radius), (-radius, radius), step=step)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grasping_shapes import TABLE, UP, box_top, moved, pliers, standing_can, whole_cylinder
+from grasping_shapes import TABLE, UP, box_top, moved, pliers, roof, standing_can, whole_cylinder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -20,11 +20,13 @@ from grasping import CloudError, ConfigError, CurvaturePlanner, GraspPlan
 needs_kernels = pytest.mark.skipif(not grasping.compiled, reason="this installation has no compiled kernels")
 
 NEIGHBOUR = moved(box_top(0.05, 0.03, 0.08), y=0.05)
+ROOF = roof(0.25)
 SCENES: list[dict[str, Any]] = [
     {"up": UP, "table": TABLE},
     {"up": UP},
     {},
     {"up": UP, "table": TABLE, "obstacles": NEIGHBOUR},
+    {"up": UP, "table": TABLE, "obstacles": ROOF},  # under which hands are tilted
 ]
 
 
@@ -68,7 +70,7 @@ SHAPES = {
 
 @needs_kernels
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: "+".join(scene) or "nothing known")
+@pytest.mark.parametrize("scene", SCENES, ids=["table", "up", "nothing known", "neighbour", "roof"])
 def test_plans_of_shapes_full_of_ties_are_identical(name: str, scene: dict[str, Any]) -> None:
     assert_agreement(SHAPES[name], scene)
 

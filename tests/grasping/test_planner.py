@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from grasping_shapes import TABLE, UP, axis_angle, box_top, grid, moved, pliers, standing_can, tips
+from grasping_shapes import TABLE, UP, axis_angle, box_top, grid, moved, pliers, roof, standing_can, tips
 
 from grasping import ROBOTIQ_2F_140, ConfigError, CurvaturePlanner, Grasp, GraspPlan
 
@@ -108,6 +108,20 @@ def test_fingers_come_down_beside_the_object_and_clear_of_its_neighbours() -> No
     held = best(CurvaturePlanner().plan(cloud, up=UP, table=TABLE, obstacles=neighbour))
     assert finger_points(held, neighbour) == 0
     assert finger_points(held, cloud) == 0
+
+
+@pytest.mark.parametrize("cloud", [box_top(0.12, 0.04, 0.06), box_top(0.06, 0.06, 0.06), standing_can(0.033, 0.1)])
+def test_what_stands_under_a_roof_is_held_with_a_tilted_hand_on_sides_that_friction_holds(cloud: np.ndarray) -> None:
+    over = roof(0.25)
+    refused = CurvaturePlanner(max_tilt=0.0).plan(cloud, up=UP, table=TABLE, obstacles=over)
+    assert refused.best is None
+    assert "no room for the fingers" in str(refused.reason)
+    grasp = best(CurvaturePlanner().plan(cloud, up=UP, table=TABLE, obstacles=over))
+    tilt = axis_angle(grasp.pose[:3, 2], np.array(UP))
+    assert tilt == pytest.approx(grasp.terms["tilt"])
+    assert 0.1 < tilt <= np.deg2rad(35) + 1e-9
+    assert finger_points(grasp, over) == 0
+    assert abs(grasp.pose[2, 0]) < np.sin(np.arctan(0.4))  # the sides are upright, so the pads nearly are
 
 
 def test_no_room_anywhere_is_said() -> None:
