@@ -22,6 +22,7 @@ class Augment:
     remove: greatest fraction missing around a random point (occlusion, dark or shiny spots).
     crop: greatest fraction missing beyond a random plane (a strip that the segmenter gave to the table).
     jitter: standard deviation of each coordinate, metres. scale: relative range of the size, ±.
+    stretch: relative range of the size along each axis by itself, ±.
     yaw: range of a rotation about the z axis, ± degrees. mirror: probability of mirroring x.
     """
 
@@ -30,11 +31,12 @@ class Augment:
     crop: float = 0.0
     jitter: float = 0.0
     scale: float = 0.0
+    stretch: float = 0.0
     yaw: float = 0.0
     mirror: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("remove", "crop", "mirror", "scale"):
+        for name in ("remove", "crop", "mirror", "scale", "stretch"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"augment.{name} must be in [0, 1], got {getattr(self, name)}")
         if not 0 < self.subset <= 1:
@@ -77,6 +79,8 @@ def augment(
         valid = _without_smallest((points @ direction[..., None])[..., 0], valid, settings.crop * uniform(batch))
     if settings.scale:
         points = points * (1 + settings.scale * (2 * uniform(batch, 1, 1) - 1))
+    if settings.stretch:
+        points = points * (1 + settings.stretch * (2 * uniform(batch, 1, 3) - 1))
     if settings.yaw:
         angle = torch.deg2rad(settings.yaw * (2 * uniform(batch) - 1))
         c, s = angle.cos(), angle.sin()

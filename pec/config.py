@@ -107,10 +107,6 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     ):
         if not 0 < share < 1:
             raise ConfigError(f"{name} must be between 0 and 1, got {share}")
-    if config.model.name == "pec2" and config.preprocess.ordering != "mirrored_anchors":
-        raise ConfigError(
-            f"model pec2 takes points in preprocess.ordering 'mirrored_anchors', got {config.preprocess.ordering!r}"
-        )
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config

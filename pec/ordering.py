@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import torch
 
-__all__ = ["anchor_positions", "group_order", "mirrored_anchor_positions", "nearest_candidates"]
+__all__ = ["anchor_positions", "group_order", "nearest_candidates"]
 
 
 def group_order(points: torch.Tensor, group_size: int) -> torch.Tensor:
@@ -36,31 +36,11 @@ def group_order(points: torch.Tensor, group_size: int) -> torch.Tensor:
 
 @lru_cache(maxsize=8)
 def anchor_positions(n: int) -> torch.Tensor:
-    """Fixed positions (n, 3) in units of a cloud's standard deviation along each axis: three Fibonacci shells."""
+    """Fixed positions (n, 3) in units of a cloud's spread (`nearest_candidates`): three Fibonacci shells."""
     sizes = [n // 8, (3 * n) // 8]
     sizes.append(n - sum(sizes))
     shells = [radius * _fibonacci_sphere(size) for radius, size in zip((0.5, 1.2, 2.0), sizes, strict=True)]
     return torch.from_numpy(np.concatenate(shells).astype(np.float32))
-
-
-@lru_cache(maxsize=8)
-def mirrored_anchor_positions(n: int) -> torch.Tensor:
-    """Fixed positions (n, 3) as above whose mirror images in x, y and z are positions too; n is a multiple of 64.
-
-    The points of a mirrored cloud are then the mirrored points, in another order: `pec.pec2` needs no second choice.
-    """
-    shells = [(0.5, n // 64), (1.2, 3 * n // 64), (2.0, 4 * n // 64)]
-    octant = np.concatenate([radius * _fibonacci_octant(size) for radius, size in shells])
-    signs = np.stack(np.meshgrid((1, -1), (1, -1), (1, -1), indexing="ij"), axis=-1).reshape(8, 1, 3)
-    return torch.from_numpy((signs * octant).reshape(-1, 3).astype(np.float32))
-
-
-def _fibonacci_octant(n: int) -> np.ndarray:
-    """n nearly uniform unit vectors of three positive coordinates."""
-    z = (np.arange(n) + 0.5) / n
-    angle = np.pi / 2 * ((np.arange(n) + 0.5) * (5**0.5 - 1) / 2 % 1)
-    radius = np.sqrt(1 - z**2)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
 def _fibonacci_sphere(n: int) -> np.ndarray:
@@ -71,13 +51,17 @@ def _fibonacci_sphere(n: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
-def nearest_candidates(candidates: torch.Tensor, valid: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
+def nearest_candidates(
+    candidates: torch.Tensor, valid: torch.Tensor, anchors: torch.Tensor, *, each_axis: bool = True
+) -> torch.Tensor:
     """For each anchor (n, 3) the index (B, n) of its nearest valid candidate (B, K, 3); one may serve several anchors.
 
-    Distances are taken in units of the cloud's spread along each axis, so that small and flat clouds use all anchors.
+    Distances are taken in units of the cloud's spread, so that small clouds use all anchors: its standard deviation
+    along each axis, so that flat ones do too, or the root mean square distance from the centroid, which keeps angles.
     """
     weight = valid[..., None].to(candidates.dtype)
-    spread = ((candidates.square() * weight).sum(dim=1) / weight.sum(dim=1)).sqrt()
+    variance = (candidates.square() * weight).sum(dim=1) / weight.sum(dim=1)
+    spread = (variance if each_axis else variance.sum(dim=1, keepdim=True)).sqrt()
     scaled = candidates / spread.clamp_min(1e-9)[:, None]
     # |a - c|² without |a|², which no choice of c changes.
     squared = scaled.square().sum(dim=2).masked_fill(~valid, torch.inf)

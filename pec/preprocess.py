@@ -20,12 +20,12 @@ import numpy as np
 import torch
 
 from pec.errors import CloudError, ConfigError
-from pec.ordering import anchor_positions, group_order, mirrored_anchor_positions, nearest_candidates
+from pec.ordering import anchor_positions, group_order, nearest_candidates
 from pec.pose import principal_pose
 
 __all__ = ["Preprocess", "check_cloud", "farthest_point_sampling"]
 
-ORDERINGS = ("none", "groups", "anchors", "mirrored_anchors")
+ORDERINGS = ("none", "groups", "anchors")
 POSES = ("given", "principal", "upright")
 # The given cloud and its mirror images in the vertical planes: as likely where front and back or left and right are.
 _MIRRORS = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0))
@@ -82,8 +82,8 @@ class Preprocess:
     start: "random" first point of FPS (published), or "farthest" from the centroid (no chance in it).
     pose: "given", "principal" (axes of the cloud's covariance, signs by third moments), or "upright" (as given, and
     mirrored in x, in y and in both: four views).
-    ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions),
-    "mirrored_anchors" (a set of fixed positions that is its own mirror image).
+    ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions).
+    anchor_unit: what the fixed positions are measured in, the cloud's spread along each "axis" or of the whole "cloud".
     """
 
     n_points: int = 64
@@ -93,6 +93,7 @@ class Preprocess:
     pose: str = "given"
     ordering: str = "groups"
     group_size: int = 16
+    anchor_unit: str = "axis"
 
     def __post_init__(self) -> None:
         if self.ordering not in ORDERINGS:
@@ -107,11 +108,9 @@ class Preprocess:
             raise ConfigError(f"preprocess.n_points must be even and positive, got {self.n_points}")
         if self.n_candidates < self.n_points:
             raise ConfigError(f"preprocess.n_candidates {self.n_candidates} is less than n_points {self.n_points}")
-        if self.ordering == "mirrored_anchors" and self.n_points % 64:
-            raise ConfigError(
-                f"preprocess.ordering 'mirrored_anchors' needs n_points to be a multiple of 64, got {self.n_points}"
-            )
-        if self.ordering in ("none", "groups") and self.n_candidates != self.n_points:
+        if self.anchor_unit not in ("axis", "cloud"):
+            raise ConfigError(f"preprocess.anchor_unit must be 'axis' or 'cloud', got {self.anchor_unit!r}")
+        if self.ordering != "anchors" and self.n_candidates != self.n_points:
             raise ConfigError(
                 f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
             )
@@ -151,6 +150,6 @@ class Preprocess:
                 candidates = principal_pose(candidates, valid, view)
             elif self.pose == "upright" and view is not None:
                 candidates = candidates * torch.tensor(_MIRRORS).to(candidates)[view, None]
-            positions = anchor_positions if self.ordering == "anchors" else mirrored_anchor_positions
-            order = nearest_candidates(candidates, valid, positions(self.n_points).to(candidates))
+            anchors = anchor_positions(self.n_points).to(candidates)
+            order = nearest_candidates(candidates, valid, anchors, each_axis=self.anchor_unit == "axis")
         return candidates.gather(1, order[..., None].expand(-1, -1, 3))

@@ -90,3 +90,13 @@ def test_subset_keeps_its_share_and_every_cloud():
     assert kept_valid.equal(valid[:, columns])
     padded = torch.arange(100) < torch.ones(4, 1)
     assert augment(points[:4], padded, Augment(subset=0.05), torch.Generator())[1].sum(dim=1).tolist() == [1] * 4
+
+
+def test_stretch_scales_each_axis_by_itself_within_its_range():
+    points, valid, stretched, _ = _augment(stretch=0.3)
+    factors = (stretched / points)[valid]
+    assert factors.min() >= 0.7 - 1e-5
+    assert factors.max() <= 1.3 + 1e-5
+    of_first = (stretched[0] / points[0]).mean(dim=0)
+    assert torch.allclose(stretched[0], points[0] * of_first, atol=1e-5)
+    assert of_first.diff().abs().min() > 1e-3

@@ -27,8 +27,7 @@ def _config(*overrides: str) -> TrainConfig:
 def test_every_choice_is_accepted(group):
     assert _names(group)
     for name in _names(group):
-        # pec2 takes points in an order of its own.
-        _config(f"{group}={name}", *(["preprocess=upright_mirrored"] if name == "pec2" else []))
+        _config(f"{group}={name}")
 
 
 def test_published_settings_are_the_published_ones():

@@ -141,6 +141,17 @@ def test_anchors_take_the_nearest_valid_candidate():
     assert nearest_candidates(candidates, valid, candidates[0])[0, 5] != 5
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_nearest_candidates_agree_with_the_plain_ones(seed, each_axis):
+    cloud = np.random.default_rng(seed).normal(size=(30, 3)) * [3, 1, 0.2]
+    unit = np.sqrt((cloud**2).mean(axis=0)) if each_axis else np.sqrt((cloud**2).sum(axis=1).mean())
+    anchors = anchor_positions(64).double()
+    expected = [int(((cloud / unit - anchor) ** 2).sum(axis=1).argmin()) for anchor in anchors.numpy()]
+    valid = torch.ones(1, 30, dtype=torch.bool)
+    assert nearest_candidates(torch.from_numpy(cloud)[None], valid, anchors, each_axis=each_axis).tolist() == [expected]
+
+
 @pytest.mark.parametrize(
     ("cloud", "message"),
     [
@@ -165,7 +176,7 @@ def test_bad_cloud_is_an_error_that_says_why(cloud, message):
         {"n_candidates": 32},
         {"n_candidates": 128},
         {"n_points": 63},
-        {"n_points": 96, "n_candidates": 128, "ordering": "mirrored_anchors"},
+        {"anchor_unit": "metre"},
         {"sampling": "nearest"},
     ],
 )
