@@ -31,15 +31,15 @@ from pecgrasp_env.published_figures import (
 CLAIM = {claim.name: claim for claim in CLAIMS}
 QUICK_TO_MAKE, INSTANCES = 5, 3
 SLOW_TO_MAKE = {"clamp": 2, "joypad": 2}
-# Of 50 instances, seeds 0 to 49: whole, from one side. Both handles of pliers and a whole bottle: see below.
-MEASURED = {
-    "drill": (0.70, 0.62),
-    "bottle": (None, 0.64),
-    "clamp": (0.42, 0.52),
-    "can": (0.96, 0.44),
-    "cylinder": (0.96, 0.94),
-    "plug_adapter": (1.00, 0.90),
-    "joypad": (0.94, 0.86),
+# Of 50 instances, seeds 0 to 49: whole, from one side; None where the claim mostly fails.
+MEASURED: dict[str, tuple[float | None, float | None]] = {
+    "drill": (0.54, 0.56),
+    "bottle": (None, 0.52),
+    "clamp": (0.74, 0.88),
+    "can": (0.98, None),
+    "cylinder": (0.92, 0.42),
+    "plug_adapter": (0.88, None),
+    "joypad": (0.88, 0.84),
 }
 PRIMITIVES = "can", "cylinder", "plug_adapter"
 KEPT = [(name, side, share) for name, shares in MEASURED.items() for side, share in zip(SIDES, shares, strict=True)]
@@ -107,6 +107,30 @@ def test_where_a_slab_falls_apart_its_parts_look_flatter_than_the_whole() -> Non
                 flatter.append(min(part.curvature for part in parts) < whole.curvature)
     assert len(flatter) >= INSTANCES
     assert share(flatter) >= 0.8
+
+
+def test_pliers_are_held_by_both_handles_only_with_neighbourhoods_too_large_for_a_clamp_and_a_joypad() -> None:
+    """[0.52 whole with half of a region as neighbourhood, 0.00 with a quarter; the clamp by one handle: 0.02, 0.74]
+
+    A quarter reaches round a handle from one side of the whole slab, half does from a side of one handle too.
+    """
+    quarter, half = PublishedPlanner(), PublishedPlanner(neighbour_divisors=(4, 2))
+    both, one, near = (
+        [share(outcomes(CLAIM[name], planner, seeds(name), "whole")) for planner in (quarter, half)]
+        for name in ("pliers", "clamp", "joypad")
+    )
+    assert both[0] < both[1]
+    assert one[0] > one[1]
+    assert near[0] > near[1]
+
+
+def test_a_bottle_seen_from_one_side_is_held_on_its_body() -> None:
+    """[0.96, half of them in the lower third; a whole one 0.28, most at the shoulder]"""
+    for view, plan in plans("bottle", PublishedPlanner(), seeds("bottle"), "one side"):
+        assert plan.best is not None
+        assert plan.best.kind == "region"
+        z = view.surface[:, 2]
+        assert plan.best.pose[2, 3] - z.min() < 0.65 * np.ptp(z)
 
 
 @pytest.mark.parametrize("side", SIDES)
