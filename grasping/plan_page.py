@@ -127,7 +127,6 @@ def _object(each: PlannedObject, gripper: Gripper, up: ArrayLike | None, budget:
             layers=layers,
             up=_vector(up),
             max_points=budget,
-            max_grasps=20,
         )
     return f"{first}<p>{_esc(' · '.join(told))}</p>{figure}{pose}"
 

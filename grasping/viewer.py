@@ -32,9 +32,10 @@ from grasping.viewer_numbers import (
 )
 
 _REGIONS = "Regions"
-_PALETTE = ("#2f7ed8", "#e08a1e", "#1fa187", "#c2549d", "#8a6fd1", "#6b8e23", "#d1603d", "#4aa3a2")
+_PALETTE = [tuple(bytes.fromhex(rgb)) for rgb in "2f7ed8 e08a1e 1fa187 c2549d 8a6fd1 6b8e23 d1603d 4aa3a2".split()]
 _BEST_RGB, _WORST_RGB = (20, 160, 140), (226, 190, 84)
 _REJECTED_RGB = (176, 128, 132)
+_MOST_GRASPS = 20  # on a slider
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,7 @@ def fragment(
     gripper: Gripper = ROBOTIQ_2F_140,
     layers: Sequence[Layer] = (),
     up: Sequence[float] | np.ndarray | None = None,
-    caption: str = "",
     max_points: int = 20_000,
-    max_grasps: int = 20,
 ) -> str:
     """One figure as HTML, to be placed in a page that has `assets()` in its head.
 
@@ -95,7 +94,7 @@ def fragment(
     for index, layer in enumerate(layers):
         shapes.append(_points(layer.points, f"layers[{index}].points"))
         text = [layer.label, *layer.details]
-        rgb = _rgb(_PALETTE[index % len(_PALETTE)]) if layer.rgb is None else list(layer.rgb)
+        rgb = list(layer.rgb or _PALETTE[index % len(_PALETTE)])
         score = "" if layer.grasp is None else f" {layer.grasp.score:.2f}"
         entries.append({"group": layer.group, "rgb": rgb, "text": text, "legend": layer.label + score})
     subject = [shape for shape in shapes if len(shape)]
@@ -105,7 +104,7 @@ def fragment(
     if not any(len(shape) for shape in shapes):
         raise CloudError("nothing to draw: plan, cloud and layers hold no finite point")
 
-    steps = _steps(plan, layers)[:max_grasps]
+    steps = _steps(plan, layers)[:_MOST_GRASPS]
     grasps, parts, drawn = _grasps(steps, gripper)
     extent = np.concatenate([*(subject or shapes), *drawn])
     target = (extent.min(axis=0) + extent.max(axis=0)) / 2
@@ -131,7 +130,7 @@ def fragment(
         "target": rounded(target),
         "radius": round(radius, 5),
     }
-    return _figure(data, groups, plan, caption)
+    return _figure(data, groups, plan)
 
 
 def assets() -> str:
@@ -165,7 +164,7 @@ def script_json(data: object) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, caption: str) -> str:
+def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None) -> str:
     bar, legends = [], []
     if len(groups) > 1:
         buttons = "".join(
@@ -188,14 +187,12 @@ def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None, cap
             items = _label_legend(entries, group)
         hidden = "" if k == 0 else " hidden"
         legends.append(f'<div class="pgv-legend" data-legend="{html.escape(group)}"{hidden}>{items}</div>')
-    words = html.escape(caption)
     return (
         f'<figure class="pgv">\n<div class="pgv-stage"><canvas width="0" height="0" tabindex="0" role="img" '
-        f'aria-label="{words or "point cloud"}; drag or use the arrow keys to turn, wheel or plus and minus to zoom">'
+        f'aria-label="point cloud; drag or use the arrow keys to turn, wheel or plus and minus to zoom">'
         f'</canvas><div class="pgv-tip" hidden></div><div class="pgv-ruler"></div>'
         f'<button type="button" class="pgv-reset" title="back to the first view">reset</button></div>\n'
         f'<div class="pgv-bar">{"".join(bar)}</div>\n{"".join(legends)}\n'
-        f"{f'<figcaption>{words}</figcaption>' if caption else ''}\n"
         f'<script type="application/json">{script_json(data)}</script>\n</figure>'
     )
 
@@ -296,7 +293,3 @@ def _points(points: np.ndarray, name: str) -> np.ndarray:
     if array.ndim != 2 or array.shape[1] != 3:
         raise CloudError(f"{name} must have shape (N, 3), not {array.shape}")
     return array[np.isfinite(array).all(axis=1)]
-
-
-def _rgb(colour: str) -> list[int]:
-    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
