@@ -32,7 +32,7 @@ from grasping.viewer_numbers import (
 )
 
 _REGIONS = "Regions"
-_PALETTE = [tuple(bytes.fromhex(rgb)) for rgb in "2f7ed8 e08a1e 1fa187 c2549d 8a6fd1 6b8e23 d1603d 4aa3a2".split()]
+_PALETTE = ("2f7ed8", "e08a1e", "1fa187", "c2549d", "8a6fd1", "6b8e23", "d1603d", "4aa3a2")
 _BEST_RGB, _WORST_RGB = (20, 160, 140), (226, 190, 84)
 _REJECTED_RGB = (176, 128, 132)
 _MOST_GRASPS = 20  # on a slider
@@ -94,7 +94,7 @@ def fragment(
     for index, layer in enumerate(layers):
         shapes.append(_points(layer.points, f"layers[{index}].points"))
         text = [layer.label, *layer.details]
-        rgb = list(layer.rgb or _PALETTE[index % len(_PALETTE)])
+        rgb = list(layer.rgb or bytes.fromhex(_PALETTE[index % len(_PALETTE)]))
         score = "" if layer.grasp is None else f" {layer.grasp.score:.2f}"
         entries.append({"group": layer.group, "rgb": rgb, "text": text, "legend": layer.label + score})
     subject = [shape for shape in shapes if len(shape)]
