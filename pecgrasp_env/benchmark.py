@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import os
 import platform
-import tempfile
-import time
 import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -19,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from grasping import Segmenter
+from pecgrasp_env.benchmark_generation import generation
 from pecgrasp_env.benchmark_planning import planning
 from pecgrasp_env.objects import LARS_CLASSES, make_object
 from pecgrasp_env.timing import Row, Timing, line_of, rows_of, side_by_side
@@ -111,37 +110,6 @@ def classification(settings: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def generation(settings: Mapping[str, Any]) -> list[Row]:
-    """Labelled clouds a second once the processes run, beside one ManiSkill environment stepped for each cloud."""
-    from pecgrasp_env.capture import CaptureConfig, ObjectsConfig, generate
-
-    objects = ObjectsConfig(instances_per_class=2, seed=settings["seed"])
-    per_instance = max(4, settings["clouds"] // (2 * len(LARS_CLASSES)))
-    # Four shards an instance: the first to arrive starts the clock, the last stops it.
-    config = CaptureConfig(objects=objects, samples_per_instance=per_instance, shard_size=max(1, per_instance // 4))
-    seconds: dict[str, list[float]] = {}
-    start_up: dict[str, list[float]] = {}
-    stepped = _stepped_clouds(settings)
-    for _ in range(settings["generation_repeats"]):
-        for workers in settings["workers"]:
-            name = f"{workers} worker{'s' if workers > 1 else ''}"
-            arrived: list[tuple[int, float]] = []
-
-            def note(done: int, total: int, to: list[tuple[int, float]] = arrived) -> None:
-                to.append((done, time.perf_counter()))
-
-            with tempfile.TemporaryDirectory() as folder:
-                generate(config, Path(folder) / "clouds", workers=workers, progress=note)
-            (_, begin), (n_first, first), *_, (n_last, last) = arrived
-            seconds.setdefault(name, []).append((last - first) / (n_last - n_first))
-            start_up.setdefault(name, []).append(first - begin)
-        seconds.setdefault("ManiSkill, a step a cloud", []).append(stepped())
-    times = {name: Timing(float(np.median(each)), float("nan")) for name, each in seconds.items()}
-    what = f"{config.resolutions[0]}, {per_instance * 2 * len(LARS_CLASSES)} clouds"
-    rows = rows_of(times, "ManiSkill, a step a cloud", what, rate="clouds/s")
-    return [row | {"first_shard_s": float(np.median(start_up.get(row["name"], [0.0])))} for row in rows]
-
-
 def environment(settings: Mapping[str, Any]) -> list[Row]:
     """Control steps a second of SelectiveGrasp-v1 with three objects, without pictures and with the wrist's depth."""
     steps = settings["steps"]
@@ -164,32 +132,6 @@ def environment(settings: Mapping[str, Any]) -> list[Row]:
     for env in envs.values():
         env.close()
     return rows_of(times, "obs_mode=state", "one environment, three objects", rate="steps/s")
-
-
-def _stepped_clouds(settings: Mapping[str, Any]) -> Callable[[], float]:
-    """Seconds a cloud of the obvious generator: ManiSkill's own PickCube-v1 with the same camera, one step a cloud."""
-    import gymnasium as gym
-    import mani_skill.envs
-
-    assert mani_skill.envs  # registers PickCube-v1
-    env = gym.make(
-        "PickCube-v1",
-        obs_mode="pointcloud",
-        sim_backend="physx_cpu",
-        render_backend="cpu",
-        sensor_configs={"width": 424, "height": 240},
-    )
-    env.reset(seed=settings["seed"])
-    action = np.zeros(env.action_space.shape, np.float32)
-    env.step(action)
-
-    def run(steps: int = settings["rival_clouds"]) -> float:
-        begin = time.perf_counter()
-        for _ in range(steps):
-            env.step(action)
-        return (time.perf_counter() - begin) / steps
-
-    return run
 
 
 def _task(**arguments: Any) -> Any:

@@ -60,8 +60,11 @@ def rows_of(times: Mapping[str, Timing], yardstick: str, what: str, rate: str | 
 def line_of(row: Row) -> str:
     """The row as a line of a table for people."""
     head = f"  {row['what']:<44}{row['name']:<28}"
+    if "growth_mb" in row:
+        return f"{head}{row['growth_mb']:>+10.1f} MB, beside {row['mb']:,.0f} MB at the start"
     if "exponent" in row:
         return f"{head}{row['exponent']:>10.2f} in the exponent{'':<17}{row['times_longer']:>9.2f} x"
     other = f"{row['rate']:>10.1f} {row['unit']}" if "rate" in row else f"{row['cpu_ms']:>10.3f} ms of processor"
     target = f"   at most {row['at_most_ms']:g} ms" if "at_most_ms" in row else ""
+    target += f"   at least {row['at_least']:g}" if "at_least" in row else ""
     return f"{head}{row['wall_ms']:>10.3f} ms{other:<30}{row['times_yardstick']:>9.2f} x{target}"

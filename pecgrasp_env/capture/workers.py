@@ -30,7 +30,7 @@ from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes
 if TYPE_CHECKING:
     from pecgrasp_env.capture.samples import Scenario
 
-__all__ = ["Member", "Result", "ShardJob", "Source", "instance_entry", "make_shards", "open_source"]
+__all__ = ["Member", "Result", "ShardJob", "Source", "instance_entry", "make_shards", "open_scenario", "open_source"]
 
 
 _GO_ON = "on_error=skip goes on with the other objects"
@@ -163,7 +163,8 @@ def _submit_next(
         running[executors[lane].submit(_make_in_worker, lanes[lane].popleft())] = lane
 
 
-def _open_scenario(config: CaptureConfig) -> Scenario:
+def open_scenario(config: CaptureConfig) -> Scenario:
+    """What captures objects as `config` says, in this process."""
     # Imported here, as they load Vulkan: in the process that renders only.
     if config.scenario == "tabletop":
         from pecgrasp_env.capture.tabletop import TabletopScenario
@@ -186,7 +187,7 @@ class _Photographer:
         self._directory = directory
         self._on_error = on_error
         self._source = open_source(config)
-        self._scenario = _open_scenario(config)
+        self._scenario = open_scenario(config)
 
     def make(self, job: ShardJob) -> Result:
         """Capture the samples of `job` and write its shard.
