@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* Raised whenever a function here takes or returns something else; grasping/kernels.py names the one that it knows. */
-#define INTERFACE 3
+#define INTERFACE 4
 
 #define MOST_BUFFERS 12
 
@@ -162,9 +162,9 @@ static PyObject *scan(PyObject *self, PyObject *arguments)
     (void)self;
     PyObject *object, *others, *tips, *headings, *cosines, *sines, *holds;
     ScanSettings settings;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOdddddiiO", &object, &others, &tips, &headings, &cosines, &sines,
-                          &settings.pad_width, &settings.wished_room, &settings.greatest_width, &settings.centre_x,
-                          &settings.centre_y, &settings.finger, &settings.wished, &holds))
+    if (!PyArg_ParseTuple(arguments, "OOOOOOddddddiiO", &object, &others, &tips, &headings, &cosines, &sines,
+                          &settings.pad_width, &settings.wished_room, &settings.greatest_width, &settings.reach,
+                          &settings.centre_x, &settings.centre_y, &settings.finger, &settings.wished, &holds))
         return NULL;
     if (!(settings.pad_width > 0.0) || settings.finger < 1 || settings.wished < settings.finger ||
         settings.wished > 1000000)

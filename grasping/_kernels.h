@@ -43,7 +43,7 @@ enum { HOLD_HEADING, HOLD_X, HOLD_Y, HOLD_TIP, HOLD_WIDTH, HOLD_OVERLAP, HOLD_AN
 typedef struct {
     const double *tips, *headings, *cosines, *sines;
     ptrdiff_t tip_count, heading_count;
-    double pad_width, wished_room, greatest_width, centre_x, centre_y;
+    double pad_width, wished_room, greatest_width, reach, centre_x, centre_y;
     int finger, wished; /* bins of free space that a finger needs beside the object, and had better have */
 } ScanSettings;
 

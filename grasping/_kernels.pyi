@@ -29,6 +29,7 @@ def scan(
     pad_width: float,
     wished_room: float,
     greatest_width: float,
+    reach: float,
     centre_x: float,
     centre_y: float,
     finger: int,

@@ -158,6 +158,16 @@ typedef struct {
     ScanResult *result;
 } Line;
 
+/* Whether something hangs over these bins of the object so low that the palm would come down on it. */
+static int is_under(const Line *at, ptrdiff_t start, ptrdiff_t end, float palm)
+{
+    const float *walls = at->walls + at->settings->wished;
+    for (ptrdiff_t i = start; i <= end; i++)
+        if (walls[i] > palm && walls[i] > at->bands[i])
+            return 1;
+    return 0;
+}
+
 static void add_run(const Line *at, ptrdiff_t tip, ptrdiff_t start, ptrdiff_t end, int several, int whole)
 {
     const ScanSettings *settings = at->settings;
@@ -190,6 +200,8 @@ static void add_run(const Line *at, ptrdiff_t tip, ptrdiff_t start, ptrdiff_t en
     cost -= (0.02 * least(overlap, 0.03)) / 0.03 + 0.01 * room;
     Run run = {cost, several, tip, at->heading * lines + at->line, start, {0}};
     if (!welcome(at->best, &run))
+        return;
+    if (is_under(at, start, end, (float)(height + settings->reach)))
         return;
     run.terms[HOLD_HEADING] = settings->headings[at->heading];
     run.terms[HOLD_X] = x;

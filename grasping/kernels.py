@@ -42,7 +42,7 @@ from grasping.views import View
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 3  # as in _kernels.c
+INTERFACE = 4  # as in _kernels.c
 MOST_TRIED = 64  # likewise
 
 
@@ -89,14 +89,15 @@ def scan(
     finger_room: float,
     wished_room: float,
     greatest_width: float,
+    reach: float,
     centre: FloatArray,
 ) -> Scan:
     """`profiles.scan`."""
     finger, wished = bins_of_room(finger_room, wished_room)
     found = np.empty((9, MEASURED))
     turns = (headings, np.cos(headings), np.sin(headings))
-    widths = (pad_width, wished_room, greatest_width, *centre.tolist())
-    count, too_wide, narrowest = _KERNELS.scan(points, obstacles, tips, *turns, *widths, finger, wished, found)
+    lengths = (pad_width, wished_room, greatest_width, reach, *centre.tolist())
+    count, too_wide, narrowest = _KERNELS.scan(points, obstacles, tips, *turns, *lengths, finger, wished, found)
     heading, x, y, tip, width, overlap, angle, room, whole = found[:, :count]
     return Scan(Holds(heading, x, y, tip, width, overlap, angle, room, whole > 0.0), int(too_wide), narrowest)
 

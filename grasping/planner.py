@@ -9,7 +9,8 @@ and departs from it where a one-sided cloud and a real hand ask for it:
 - What the camera cannot see below a seen surface counts as the object, down to the table.
 - Lateral curvature is measured on the contour under the pad (`contacts.refine`), at one length, that of the pad; σ of a
   number of neighbours depends on the density of the cloud and on the view.
-- Fingers must come down beside the object, clear of the table and of the neighbours.
+- Fingers must come down beside the object, clear of the table and of the neighbours, and the palm clear of what hangs
+  over it.
 - Of the holds at one place, which hardly differ, the middle is taken (`plateaus`), so that noise hardly moves it.
 """
 
@@ -176,6 +177,7 @@ class CurvaturePlanner:
             finger_room=rules.finger_room,
             wished_room=rules.wished_room,
             greatest_width=rules.greatest_width,
+            reach=self._reach,
             centre=view.centre,
         )
         holds: Holds = found.holds
@@ -183,7 +185,8 @@ class CurvaturePlanner:
         if not len(holds):
             if found.too_wide:
                 return None, holds, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
-            return None, holds, "no room for the fingers: something stands beside the object on every line across it"
+            where = "something stands beside the object, or hangs over it, on every line across it"
+            return None, holds, f"no room for the fingers: {where}"
         ranked: Ranked = self._by.rank(view, holds, rules)
         if not ranked.problems:
             return ranked, holds, ""

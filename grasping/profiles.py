@@ -66,13 +66,15 @@ def scan(
     finger_room: float,
     wished_room: float,
     greatest_width: float,
+    reach: float,
     centre: FloatArray,
 ) -> Scan:
     """Find every hold of an object given as points seen along the approach, in rising height.
 
     points (3, N): x and y with the origin in the middle of the object, height against the approach; likewise of the
     obstacles (3, K). tips: heights to try. headings: angles of the closing axis to try. finger_room: free space that a
-    finger needs beside the object; wished_room: what it had better have. centre: (2,) near which holds are preferred.
+    finger needs beside the object; wished_room: what it had better have. reach: from the tips to the palm, which must
+    not come down on what hangs over the object. centre: (2,) near which holds are preferred.
     """
     row = pad_width / ROWS
     radius = float(np.sqrt(np.square(points[:2]).sum(axis=0).max()))
@@ -91,6 +93,9 @@ def scan(
     narrowest = float(width[~fits].min()) if too_wide else np.inf
     if too_wide:
         runs = runs.take(fits)
+    if obstacles.shape[1]:
+        over = _highest_between(np.where(walls > bands, walls, -np.inf), runs)
+        runs = runs.take(over <= (runs.tip + reach).astype(np.float32))
     place = _Places(bands, headings, row)
     if len(runs.line) > MEASURED:
         x, y = place.centres(runs)
@@ -223,6 +228,14 @@ def _highest_in_window(heights: Maps, size: int) -> Maps:
         heights = np.maximum(heights[:, :-step], heights[:, step:])
         window += step
     return heights
+
+
+def _highest_between(heights: Maps, runs: _Runs) -> Maps:
+    """(R,) greatest of the heights (headings, rows, nx) from the start to the end of each run."""
+    first = runs.line * heights.shape[2] + runs.start
+    bounds = np.column_stack([first, first + runs.end - runs.start + 1]).reshape(-1)
+    highest: Maps = np.maximum.reduceat(np.append(heights, np.float32(-np.inf)), bounds)[::2]
+    return highest
 
 
 def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:

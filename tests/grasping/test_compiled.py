@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grasping_shapes import TABLE, UP, box_top, moved, pliers, roof, standing_can, whole_cylinder
+from grasping_shapes import TABLE, UP, box_top, grid, moved, pliers, roof, standing_can, whole_cylinder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -19,13 +19,14 @@ from grasping import CloudError, ConfigError, CurvaturePlanner, GraspPlan
 
 needs_kernels = pytest.mark.skipif(not grasping.compiled, reason="this installation has no compiled kernels")
 
-NEIGHBOUR = moved(box_top(0.05, 0.03, 0.08), y=0.05)
+BAR = grid((-0.1, 0.1), (-0.012, 0.012), step=0.004)  # hangs over the object, between the fingers
+NEIGHBOURS = np.vstack([moved(box_top(0.05, 0.03, 0.08), y=0.05), np.column_stack([BAR, np.full(len(BAR), 0.14)])])
 ROOF = roof(0.25)
 SCENES: list[dict[str, Any]] = [
     {"up": UP, "table": TABLE},
     {"up": UP},
     {},
-    {"up": UP, "table": TABLE, "obstacles": NEIGHBOUR},
+    {"up": UP, "table": TABLE, "obstacles": NEIGHBOURS},
     {"up": UP, "table": TABLE, "obstacles": ROOF},  # under which hands are tilted
 ]
 
@@ -70,7 +71,7 @@ SHAPES = {
 
 @needs_kernels
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("scene", SCENES, ids=["table", "up", "nothing known", "neighbour", "roof"])
+@pytest.mark.parametrize("scene", SCENES, ids=["table", "up", "nothing known", "neighbours", "roof"])
 def test_plans_of_shapes_full_of_ties_are_identical(name: str, scene: dict[str, Any]) -> None:
     assert_agreement(SHAPES[name], scene)
 
@@ -167,7 +168,7 @@ def test_the_kernels_survive_numbers_that_the_planner_keeps_from_them(value: flo
             cloud,
             cloud,
             *(np.array([0.0]),) * 4,
-            *(0.03, 0.04, 0.13, value, value),
+            *(0.03, 0.04, 0.13, 0.1, value, value),
             *(8, 13),
             np.empty((9, 160)),
         ),

@@ -124,6 +124,23 @@ def test_what_stands_under_a_roof_is_held_with_a_tilted_hand_on_sides_that_frict
     assert abs(grasp.pose[2, 0]) < np.sin(np.arctan(0.4))  # the sides are upright, so the pads nearly are
 
 
+def in_the_palm(grasp: Grasp, others: np.ndarray) -> int:
+    """How many points lie where the palm is when the pads touch, or above that place."""
+    gripper = ROBOTIQ_2F_140
+    local = (others - grasp.pose[:3, 3]) @ grasp.pose[:3, :3]
+    under = (np.abs(local[:, 0]) < grasp.width / 2) & (np.abs(local[:, 1]) < gripper.finger_width / 2)
+    return int((under & (local[:, 2] < gripper.palm_depth - gripper.pad_depth(grasp.width))).sum())
+
+
+@pytest.mark.parametrize("height", [0.10, 0.14, 0.18, 0.22, 0.30])
+def test_the_palm_does_not_come_down_on_what_hangs_between_the_fingers(height: float) -> None:
+    bar = grid((-0.1, 0.1), (-0.012, 0.012), step=0.004)
+    bar = np.column_stack([bar, np.full(len(bar), height)])
+    grasp = best(CurvaturePlanner().plan(box_top(0.12, 0.06, 0.09), up=UP, table=TABLE, obstacles=bar))
+    assert in_the_palm(grasp, bar) == 0
+    assert finger_points(grasp, bar) == 0
+
+
 def test_no_room_anywhere_is_said() -> None:
     cloud = box_top(0.06, 0.05, 0.03)
     ring = grid((-0.10, 0.10), (-0.10, 0.10), step=0.003)
