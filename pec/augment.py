@@ -13,12 +13,15 @@ from pec.errors import ConfigError
 
 __all__ = ["Augment", "augment"]
 
+_LEAST_SUBSET = 64
+
 
 @dataclass(frozen=True)
 class Augment:
     """Strengths; all zero does nothing.
 
-    subset: share of the candidates that are kept, the same ones throughout a batch; 1 keeps all.
+    subset: share of the candidates that are kept, the same ones throughout a batch; 1 keeps all. 64 are always kept, so
+    that an order that needs every candidate gets them.
     remove: greatest fraction missing around a random point (occlusion, dark or shiny spots).
     crop: greatest fraction missing beyond a random plane (a strip that the segmenter gave to the table).
     jitter: standard deviation of each coordinate, metres. scale: relative range of the size, ±.
@@ -68,7 +71,8 @@ def augment(
     if settings.subset < 1:
         # The first column is always kept: in it no cloud is padded.
         rest = 1 + torch.rand(points.shape[1] - 1, generator=generator, device=generator.device).argsort().to(device)
-        index = torch.cat([rest.new_zeros(1), rest[: round(settings.subset * points.shape[1]) - 1]])
+        n_kept = max(round(settings.subset * points.shape[1]), _LEAST_SUBSET)
+        index = torch.cat([rest.new_zeros(1), rest[: n_kept - 1]]).sort().values
         points, valid = points[:, index], valid[:, index]
     if settings.remove:
         centre_score = uniform(*valid.shape).masked_fill(~valid, -1.0)

@@ -82,14 +82,15 @@ def test_senseless_strength_is_named():
 
 
 def test_subset_keeps_its_share_and_every_cloud():
-    points, valid, kept, kept_valid = _augment(subset=0.3)
-    assert kept.shape == (50, 30, 3)
+    points, valid, kept, kept_valid = _augment(subset=0.7)
+    assert kept.shape == (50, 70, 3)
     columns = [(points[0] == column).all(dim=1).nonzero().item() for column in kept[0]]
-    assert len(set(columns)) == 30
+    assert len(set(columns)) == 70
     assert kept.equal(points[:, columns])
     assert kept_valid.equal(valid[:, columns])
     padded = torch.arange(100) < torch.ones(4, 1)
-    assert augment(points[:4], padded, Augment(subset=0.05), torch.Generator())[1].sum(dim=1).tolist() == [1] * 4
+    assert augment(points[:4], padded, Augment(subset=0.7), torch.Generator())[1].sum(dim=1).tolist() == [1] * 4
+    assert augment(points[:, :64], valid[:, :64], Augment(subset=0.1), torch.Generator())[0].equal(points[:, :64])
 
 
 def test_stretch_scales_each_axis_by_itself_within_its_range():
