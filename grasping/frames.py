@@ -67,6 +67,7 @@ class Frame:
     def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float]) -> None:
         self.points, self.shape = _flattened(cloud)
         near, far = max(depth_range[0], 1e-6), depth_range[1]
+        where = f"{depth_range[0]:g} to {far:g} m away"
         # NaN compares as false; infinity and values whose square overflows are beyond the range.
         with np.errstate(over="ignore", invalid="ignore"):
             x, y, z = self.points.T
@@ -74,11 +75,11 @@ class Frame:
             self.valid = (squared >= near * near) & (squared <= far * far)
         self.count = int(np.count_nonzero(self.valid))
         if not self.count:
-            raise CloudError(f"cloud: none of {len(self.points)} points is valid and {near:g} to {far:g} m away")
+            raise CloudError(f"cloud: none of {len(self.points)} points is valid and {where} from the frame's origin")
         self.rejected: list[Rejected] = []
         measured = int(np.count_nonzero(squared > 0))  # neither NaN nor the zero that stands for nothing measured
         self.reject("points", "no depth", len(self.points) - measured)
-        self.reject("points", f"not {near:g} to {far:g} m away", measured - self.count)
+        self.reject("points", f"not {where}", measured - self.count)
 
     def reject(self, what: str, why: str, n_points: int) -> None:
         """Note what is left out, where there is any of it."""

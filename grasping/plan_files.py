@@ -86,7 +86,7 @@ def plan_file(path: Path, task: Task) -> PlannedFile:
         cloud = read_cloud(path) * np.float32(task.scale)
         points = valid_points(cloud)
         read_s = time.perf_counter() - started
-        _check_units(points, task)
+        _check_size(points, task)
     except (CloudError, OSError) as error:
         return PlannedFile(path, error=str(error).removeprefix(f"{path}: "))
     if task.segmenter is None:
@@ -111,10 +111,10 @@ def plan_file(path: Path, task: Task) -> PlannedFile:
     return PlannedFile(path, len(points), objects, scene, others, read_s, segment_s)
 
 
-def _check_units(points: NDArray, task: Task) -> None:
+def _check_size(points: NDArray, task: Task) -> None:
     """Raises CloudError with the setting to change for a cloud whose size speaks of other units, or of a scene."""
     if not len(points):
-        return
+        raise CloudError("it holds no valid point")
     if task.segmenter is None:
         span = float(np.ptp(points.astype(np.float64), axis=0).max())
         if span > LARGEST_OBJECT:
@@ -181,11 +181,12 @@ def table_lines(file: PlannedFile) -> list[str]:
         ms, best = f"{1e3 * each.plan_s:.1f} ms", each.plan.best
         if best is None:
             word = "error" if each.error else "no grasp"
-            lines.append(_line(name, f"{len(each.points):,}") + f"  {word}: {each.plan.reason}, {ms}")
+            start = _line(name, f"{len(each.points):,}")
+            lines.append("  ".join([start, f"{word}: {each.plan.reason}, {ms}", *each.remarks]))
             continue
         position = " ".join(f"{value:6.3f}" for value in best.pose[:3, 3].round(3) + 0.0)  # no -0.000
         row = (f"{len(each.points):,}", f"{1e3 * best.width:.0f} mm", f"{best.score:.2f}", best.kind, position, ms)
-        lines.append(_line(name, *row) + ("  cut off by the image" if each.cut_off else ""))
+        lines.append("  ".join([_line(name, *row), *each.remarks]))
     return lines
 
 

@@ -105,7 +105,7 @@ def _section(k: int, file: PlannedFile, gripper: Gripper, up: ArrayLike | None, 
 def _object(each: PlannedObject, gripper: Gripper, up: ArrayLike | None, budget: int) -> str:
     best = each.plan.best
     told = [f"{len(each.points):,} points", f"planned in {1e3 * each.plan_s:.1f} ms"]
-    told += ["cut off by the edge of the image"] if each.cut_off else []
+    told += each.remarks
     pose = ""
     if best is None:
         tone = "bad" if each.error else "no"

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import NDArray
 
 from grasping.grasp import GraspPlan
 from grasping.scene import Scene
+
+LARGE = 0.45  # m; what a scene's objects are at most, unless the segmenter is told otherwise
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,15 @@ class PlannedObject:
     surroundings: NDArray | None = None
     cut_off: bool = False
     error: str | None = None
+
+    @property
+    def remarks(self) -> list[str]:
+        """What makes the plan doubtful."""
+        doubts = ["cut off by the edge of the image"] if self.cut_off else []
+        extent = float(np.ptp(self.points, axis=0).max()) if len(self.points) else 0.0
+        if self.surroundings is None and extent > LARGE:
+            doubts.append(f"{extent:.2f} m large; if this is a whole scene, say scene=true")
+        return doubts
 
 
 @dataclass(frozen=True)
@@ -45,10 +57,13 @@ class PlannedFile:
 
     @property
     def found(self) -> str:
-        """How many objects stand in the scene, or why there is none."""
+        """How many objects stand in the scene, and why there is none of them or no table."""
         if not self.objects:
             return "no object found" + (f": {self.scene.summary()}" if self.scene is not None else "")
-        return f"{len(self.objects)} object" + "s" * (len(self.objects) > 1)
+        found = f"{len(self.objects)} object" + "s" * (len(self.objects) > 1)
+        if self.scene is not None and self.scene.plane is None:
+            found += ", no table: " + next(each.why for each in self.scene.rejected if each.what == "plane")
+        return found
 
     @property
     def failed(self) -> bool:

@@ -21,7 +21,7 @@ from grasping.plan_files import Task, cloud_paths, frame_up, plan_files
 def main(cfg: DictConfig) -> None:
     try:
         results = plan_files(cloud_paths(str(cfg.cloud)), task_of(cfg), Path(cfg.output), command=shlex.join(COMMAND))
-    except (CloudError, ConfigError, OSError, OmegaConfBaseException, YAMLError) as error:
+    except (CloudError, ConfigError, OSError, OmegaConfBaseException) as error:
         sys.exit(f"plan_grasp: {str(error).splitlines()[0]}")
     print(f"\nresults: {cfg.output}/results.json, to look at: {cfg.output}/plan.html")
     if results["summary"]["failed"]:
@@ -30,7 +30,7 @@ def main(cfg: DictConfig) -> None:
 
 def task_of(cfg: DictConfig) -> Task:
     """Raises ConfigError and OmegaConf's errors for settings that make no sense."""
-    chosen = cfg.gripper if cfg.gripper_file is None else OmegaConf.load(cfg.gripper_file)
+    chosen = cfg.gripper if cfg.gripper_file is None else gripper_of(cfg.gripper_file)
     gripper = Gripper.from_mapping(OmegaConf.to_container(chosen, resolve=True))
     up = list(cfg.up) if OmegaConf.is_list(cfg.up) else cfg.up
     return Task(
@@ -40,6 +40,15 @@ def task_of(cfg: DictConfig) -> Task:
         up=frame_up(cfg.frame) if cfg.up is None else up,
         scale=cfg.scale,
     )
+
+
+def gripper_of(path: str) -> Any:
+    """What a gripper's file holds. Raises ConfigError for a file that cannot be read as YAML."""
+    try:
+        return OmegaConf.load(path)
+    except (OSError, UnicodeDecodeError, YAMLError) as error:
+        what = getattr(error, "problem", None) or getattr(error, "strerror", None) or error
+        raise ConfigError(f"gripper={path}: {what}") from error
 
 
 def made(section: DictConfig, **more: object) -> Any:

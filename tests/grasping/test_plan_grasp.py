@@ -7,17 +7,19 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
-from grasping_shapes import box_top, grid, moved, standing_can
+from grasping_shapes import box_top
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 from omegaconf import DictConfig
+from table_scenes import box, table_scene, task
 
-from grasping import CloudError, ConfigError, CurvaturePlanner, Segmenter
+from grasping import ConfigError, CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
-from grasping.plan_files import Task, cloud_paths, plan_file, plan_files
+from grasping.plan_files import plan_files
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,31 +29,18 @@ def script(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
 
 
-def box() -> np.ndarray:
-    return box_top(0.12, 0.05, 0.06)
-
-
-def on_a_table(*objects: np.ndarray) -> np.ndarray:
-    """Objects on a table, in the frame of a camera 0.7 m above it that looks straight down."""
-    table = np.column_stack([grid((-0.3, 0.3), (-0.3, 0.3), step=0.003), np.zeros(201 * 201)])
-    for points in objects:
-        low, high = points.min(axis=0)[:2] - 0.004, points.max(axis=0)[:2] + 0.004
-        table = table[~((table[:, :2] > low) & (table[:, :2] < high)).all(axis=1)]
-    return np.vstack([table, *objects]) * [1, -1, -1] + [0, 0, 0.7]
-
-
-def table_scene() -> np.ndarray:
-    """A box and a can."""
-    return on_a_table(moved(box(), x=-0.1), moved(standing_can(0.03, 0.08), x=0.1))
+def script_module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("plan_grasp", ROOT / "scripts" / "plan_grasp.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def configured(*overrides: str) -> DictConfig:
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         return compose("plan", overrides=["cloud=box.npy", *overrides])
-
-
-def task(**changes: object) -> Task:
-    return Task(**{"planner": CurvaturePlanner(), "gripper": ROBOTIQ_2F_140, "up": (0, 0, 1)} | changes)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -110,72 +99,6 @@ def test_the_page_stands_by_itself_and_names_every_file(folder_run, outline) -> 
     assert not list(output.glob("*.tmp"))
 
 
-def test_a_scene_in_the_cameras_frame_is_cut_into_objects_which_are_each_planned_on_their_table(tmp_path: Path) -> None:
-    np.save(tmp_path / "frame.npy", table_scene())
-    file = plan_file(tmp_path / "frame.npy", task(segmenter=Segmenter(), up=None))
-    assert file.error is None
-    assert file.scene is not None
-    np.testing.assert_allclose(file.scene.plane, [0, 0, -1, 0.7], atol=2e-3)
-    assert len(file.objects) == 2
-    for each in file.objects:
-        assert each.plan.best is not None
-        approach, tips = each.plan.best.pose[:3, 2], each.plan.best.pose[:3, 3]
-        assert approach[2] > 0.8  # down on the table, along the camera's view
-        assert (tips + 0.5 * ROBOTIQ_2F_140.pad_length * approach)[2] < 0.7
-        assert len(each.surroundings) > 100
-
-
-def test_neighbours_are_obstacles(tmp_path: Path) -> None:
-    # 28 mm beside the box is no room for a finger of 18 mm and a clearance of 15 mm.
-    walls = [moved(box_top(0.2, 0.02, 0.1), y=y) for y in (-0.063, 0.063)]
-    planner = CurvaturePlanner(side_clearance=0.015)
-    closing = []
-    for beside in ([], walls):
-        np.save(tmp_path / "frame.npy", on_a_table(box(), *beside))
-        file = plan_file(tmp_path / "frame.npy", task(planner=planner, segmenter=Segmenter(), up=None))
-        assert len(file.objects) == 1 + len(beside)
-        (own,) = [each for each in file.objects if np.abs(each.points[:, :2].mean(axis=0)).max() < 0.03]
-        assert own.plan.best is not None
-        closing.append(abs(own.plan.best.pose[1, 0]))
-    assert closing[0] > 0.95
-    assert closing[1] < 0.3
-
-
-@pytest.mark.parametrize(("scene", "points"), [(False, box() * 1000), (True, table_scene() * 1000)])
-def test_millimetres_are_recognised_and_the_message_says_what_to_set(tmp_path, scene: bool, points: np.ndarray) -> None:
-    np.save(tmp_path / "mm.npy", points)
-    segmenter = Segmenter() if scene else None
-    refused = plan_file(tmp_path / "mm.npy", task(segmenter=segmenter, up=None))
-    assert refused.failed
-    assert "scale=0.001" in str(refused.error)
-    taken = plan_file(tmp_path / "mm.npy", task(segmenter=segmenter, up=None, scale=0.001))
-    assert taken.error is None
-    assert all(each.plan.best is not None for each in taken.objects)
-    assert len(taken.objects) == (2 if scene else 1)
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [(np.zeros((0, 3)), "0 points"), (np.full((50, 3), np.nan), "0 points"), (np.ones((3, 3)), "3 points")],
-)
-@pytest.mark.parametrize("scene", [False, True])
-def test_a_cloud_without_an_object_says_so(tmp_path: Path, points: np.ndarray, message: str, scene: bool) -> None:
-    np.save(tmp_path / "empty.npy", points)
-    results = plan_files(
-        [tmp_path / "empty.npy"],
-        task(segmenter=Segmenter() if scene else None),
-        tmp_path / "out",
-        say=lambda line: None,
-    )
-    (file,) = results["files"]
-    if scene:
-        assert file["error"] or not file["objects"]
-    else:
-        assert message in file["objects"][0]["reason"]
-        assert results["summary"]["failed"] == 1
-    assert (tmp_path / "out" / "plan.html").is_file()
-
-
 @pytest.mark.parametrize("planner", sorted(path.stem for path in (ROOT / "conf" / "planner").glob("*.yaml")))
 def test_every_configured_planner_plans_a_file_and_leaves_a_page(planner: str, tmp_path: Path, outline) -> None:
     own = instantiate(configured(f"planner={planner}").planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
@@ -188,19 +111,6 @@ def test_every_configured_planner_plans_a_file_and_leaves_a_page(planner: str, t
     assert found["error"] is None
     seen = outline((tmp_path / "out/plan.html").read_text())
     assert seen.text.count(name) >= 3
-
-
-def test_paths_that_hold_no_cloud_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="nowhere"):
-        cloud_paths(tmp_path / "nowhere")
-    with pytest.raises(CloudError, match="no file of this folder"):
-        cloud_paths(tmp_path)
-
-
-@pytest.mark.parametrize(("field", "value"), [("scale", 0.0), ("scale", "mm"), ("up", (0, 0, 0)), ("up", "z")])
-def test_settings_without_sense_are_refused_by_name(field: str, value: object) -> None:
-    with pytest.raises(ConfigError, match=field):
-        task(**{field: value})
 
 
 def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> None:
@@ -226,7 +136,7 @@ def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> 
     [
         ([], "Missing mandatory value: cloud"),
         (["cloud=nowhere.ply"], "cloud nowhere.ply does not exist"),
-        (["cloud=README.md", "gripper=nowhere.yaml"], "nowhere.yaml"),
+        (["cloud=README.md", "gripper=nowhere.yaml"], "gripper=nowhere.yaml: No such file or directory"),
     ],
 )
 def test_a_command_without_sense_ends_with_one_line(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -251,13 +161,14 @@ def test_a_command_without_sense_ends_with_one_line(arguments: list[str], messag
     ],
 )
 def test_a_setting_without_sense_is_refused_by_name_and_value(override: str, message: str) -> None:
-    spec = importlib.util.spec_from_file_location("plan_grasp", ROOT / "scripts" / "plan_grasp.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     with pytest.raises(ConfigError, match=message):
-        module.task_of(configured("scene=true", override))
+        script_module().task_of(configured("scene=true", override))
+
+
+def test_a_gripper_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("stroke: [")
+    with pytest.raises(ConfigError, match=r"gripper=.*mine\.yaml: expected the node content"):
+        script_module().task_of(configured(f"gripper_file={tmp_path}/mine.yaml"))
 
 
 def test_the_script_needs_neither_torch_nor_the_simulator() -> None:
@@ -267,25 +178,6 @@ def test_the_script_needs_neither_torch_nor_the_simulator() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert ended.stdout.strip() == "[]", ended.stderr
-
-
-@pytest.fixture
-def opened(tmp_path: Path, browse):
-    np.save(tmp_path / "frame.npy", table_scene())
-    plan_files([tmp_path / "frame.npy"], task(segmenter=Segmenter(), up=None), tmp_path / "out", say=lambda line: None)
-    return lambda **how: browse((tmp_path / "out" / "plan.html").read_text(), **how)
-
-
-@pytest.mark.parametrize("how", [{}, {"width": 390, "height": 844}, {"dark": True}], ids=["wide", "phone", "dark"])
-def test_the_page_of_a_scene_opens_without_a_complaint_and_fits(opened, how: dict) -> None:
-    page = opened(**how)
-    assert page.run("document.querySelectorAll('figure.pgv').length") == 3
-    assert page.run("document.documentElement.scrollWidth <= innerWidth")
-    output = "document.querySelector('output').textContent"
-    assert page.run(output).startswith("1 of 2: object ")
-    page.run("const s = document.querySelector('input[type=range]'); s.value = 1; s.dispatchEvent(new Event('input'))")
-    assert page.run(output).startswith("2 of 2: object ")
-    assert page.console == []
 
 
 def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
