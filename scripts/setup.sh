@@ -50,21 +50,23 @@ has_headers() {
 
 # The planner's kernels are compiled where they can be; where not, it plans the same with NumPy alone.
 find_compiler() {
-    local python
-    if command -v gcc >/dev/null && has_headers; then return; fi
-    python=$(.venv/bin/python -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+    local missing=()
+    command -v gcc >/dev/null || missing+=(gcc libc6-dev)
+    has_headers || missing+=("$(.venv/bin/python -c 'import sys; print("python%d.%d-dev" % sys.version_info[:2])')")
+    if [ ${#missing[@]} = 0 ]; then return; fi
     if is_root && has_apt; then
-        (apt_install "no compiler for the planner's kernels was found" gcc libc6-dev "$python-dev") ||
-            say "the compiler could not be installed: the planner will do without its compiled kernels"
+        (apt_install "the planner's kernels cannot be compiled yet" "${missing[@]}") || say "that failed"
     else
-        say "no compiler was found (gcc, $python-dev): the planner will do without its compiled kernels"
+        say "the planner's kernels cannot be compiled without ${missing[*]}"
     fi
 }
 
-build_kernels() {
-    find_compiler
-    .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps -e . ||
-        say "the planner's kernels could not be built: it does without them"
+# Built from other sources, kernels may not be those that the planner takes them for.
+forget_kernels() { rm -f grasping/_kernels.*.so; }
+
+say_without_kernels() {
+    .venv/bin/python -c 'import sys, grasping; sys.exit(not grasping.compiled)' ||
+        say "the planner does without its compiled kernels: they could not be built"
 }
 
 install_packages() {
@@ -106,13 +108,18 @@ wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
 if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     [ -x .venv/bin/python ] && .venv/bin/python -m pip --version >/dev/null 2>&1 || make_venv
     find_compiler
+    forget_kernels
     install_packages
     printf '%s' "$wanted" >.venv/.pecgrasp
     kernels >.venv/.pecgrasp_kernels
-fi
-if [ "$(cat .venv/.pecgrasp_kernels 2>/dev/null)" != "$(kernels)" ]; then
-    build_kernels
-    kernels >.venv/.pecgrasp_kernels
+    say_without_kernels
+elif [ "$(cat .venv/.pecgrasp_kernels 2>/dev/null)" != "$(kernels)" ]; then
+    say "the planner's kernels, whose sources or compiler changed"
+    find_compiler
+    forget_kernels
+    # Without a network pip fails: the next run tries again.
+    ! .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps -e . || kernels >.venv/.pecgrasp_kernels
+    say_without_kernels
 fi
 .venv/bin/python -c 'import cv2' 2>/dev/null || install_opencv_libraries
 .venv/bin/python -m pecgrasp_env.doctor --quiet || install_driver
