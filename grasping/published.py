@@ -40,9 +40,9 @@ class PublishedPlanner:
 
     gripper: W_g is its stroke, H_g its finger width. An object no longer than H_g is held at its centre.
 
-    Values that the text leaves open. The defaults make the eight figures' claims true for 63 % of 50 catalogue
-    instances each that are seen whole and for 43 % that are seen from one side; the values of the public release for
-    16 and 37 %.
+    Values that the text leaves open. The defaults make the eight figures' claims true for 64 % of 50 catalogue
+    instances each that are seen whole and for 42 % that are seen from one side; the values of the public release for
+    18 and 40 %.
 
     n_points: the cloud is thinned to this many points, as the thresholds depend on density (256, inferred).
     thinning: "even", by farthest-point sampling, which makes neighbourhoods of one region alike; or "every" k-th point
