@@ -61,7 +61,8 @@ def line_of(row: Row) -> str:
     """The row as a line of a table for people."""
     head = f"  {row['what']:<44}{row['name']:<28}"
     if "growth_mb" in row:
-        return f"{head}{row['growth_mb']:>+10.1f} MB, beside {row['mb']:,.0f} MB at the start"
+        first, second = row["growth_first_half_mb"], row["growth_mb"]
+        return f"{head}{first:>+10.1f} MB in the first half, {second:+.1f} in the second, of {row['mb']:,.0f} MB"
     if "exponent" in row:
         return f"{head}{row['exponent']:>10.2f} in the exponent{'':<17}{row['times_longer']:>9.2f} x"
     other = f"{row['rate']:>10.1f} {row['unit']}" if "rate" in row else f"{row['cpu_ms']:>10.3f} ms of processor"
