@@ -52,7 +52,10 @@ class FusedView:
 
 @dataclass(frozen=True)
 class Fused:
-    """points: (M, 3) merged, in the frame that the poses lead to, or the first view's. views: one entry a view."""
+    """points: (M, 3) merged, without the table, in the frame that the poses lead to, or the first view's.
+
+    views: one entry a view.
+    """
 
     points: FloatArray
     views: list[FusedView]

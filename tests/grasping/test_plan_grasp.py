@@ -15,8 +15,11 @@ from grasping_shapes import box_top
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 from omegaconf import DictConfig
+from rendered_scenes import BOXES, look_down, render
+from scipy.spatial.transform import Rotation
 from table_scenes import box, table_scene, task
 
+import grasping
 from grasping import ConfigError, CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
 from grasping.plan_files import plan_files
@@ -180,9 +183,14 @@ def test_the_script_needs_neither_torch_nor_the_simulator() -> None:
     assert ended.stdout.strip() == "[]", ended.stderr
 
 
-def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def readme_lines(number: int) -> str:
+    """Of the section on one's own robot."""
     section = (ROOT / "README.md").read_text().split("## Use it on your own robot")[1]
-    lines = section.split("```python\n")[1].split("```")[0]
+    return section.split("```python\n")[number].split("```")[0]
+
+
+def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = readme_lines(1)
     assert len([line for line in lines.splitlines() if line]) <= 10
     monkeypatch.chdir(tmp_path)
     points = table_scene().astype("<f4")
@@ -192,3 +200,26 @@ def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: 
     exec(lines, names)
     assert names["T_base_grasp"][2, 2] == pytest.approx(-1.0, abs=0.01)
     assert 0.04 < names["width"] < names["opening"] <= ROBOTIQ_2F_140.stroke
+
+
+def test_the_readmes_lines_on_several_views_run_as_they_stand() -> None:
+    views = [turned(angle, look_down(35.0)) for angle in (0.0, 60.0, -60.0)]
+    names = {
+        "frames": [render(BOXES, T_world_camera, 0.001, seed)[0] for seed, T_world_camera in enumerate(views)],
+        "T_base_cameras": views,
+        **{name: getattr(grasping, name) for name in ("ROBOTIQ_2F_140", "CurvaturePlanner", "Segmenter")},
+        "np": np,
+    }
+    exec(readme_lines(2), names)
+    assert names["fused"].kept == [0, 1, 2]
+    assert len(names["scene"].objects) == len(BOXES)
+    pose = views[0] @ names["plan"].best.pose
+    assert min(np.hypot(*(pose[:2, 3] - box[:2])) for box in BOXES) < 0.01
+    assert pose[2, 2] < -0.98
+
+
+def turned(angle: float, T: np.ndarray) -> np.ndarray:
+    """A camera's pose, turned about the world's z by so many degrees."""
+    about_z = np.eye(4)
+    about_z[:3, :3] = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+    return about_z @ T
