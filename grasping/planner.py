@@ -31,7 +31,7 @@ from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.profiles import Holds
-from grasping.ranking import Ranked, Rules
+from grasping.ranking import LEAST_OVERLAP, Ranked, Rules
 from grasping.survey import Survey, survey
 from grasping.views import View, views_from_above, views_without_table
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+PALM_CLEARANCE = 0.01  # m above whatever is under the palm
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
 
 
@@ -81,6 +82,7 @@ class CurvaturePlanner:
             ("headings", headings, 2, 180),
             ("max_tilt", max_tilt, 0.0, 1.2),
             ("n_points", n_points, 50, 10**7),
+            ("gripper.finger_width", gripper.finger_width, 0.001, 1.0),  # the scan's lines are a third of it
         ):
             require_between(name, value, least, most)
         self.gripper = gripper
@@ -93,6 +95,11 @@ class CurvaturePlanner:
         self.n_points = n_points
         if compiled and not kernels.AVAILABLE:
             raise ConfigError("compiled = True, but this installation has no compiled kernels")
+        if self._reach <= LEAST_OVERLAP:
+            raise ConfigError(
+                f"gripper.palm_depth = {gripper.palm_depth!r}: at the greatest opening the tips are not even "
+                f"{(LEAST_OVERLAP + PALM_CLEARANCE) * 1e3:.0f} mm in front of the palm"
+            )
         self._by = kernels if kernels.AVAILABLE and compiled is not False else reference
         self._headings = np.linspace(0.0, np.pi, headings, endpoint=False)
         finger_room = side_clearance + gripper.finger_thickness
@@ -152,10 +159,9 @@ class CurvaturePlanner:
 
     @property
     def _reach(self) -> float:
-        """From the tips to the palm at the greatest opening, where it is least, less a margin of 10 mm, m."""
-        return (
-            self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length - self.gripper.palm_depth - 0.01
-        )
+        """From the tips to the palm at the greatest opening, where it is least, less the palm's clearance, m."""
+        tips = self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length
+        return tips - self.gripper.palm_depth - PALM_CLEARANCE
 
     def _plan_view(self, view: View) -> tuple[Ranked | None, Holds | None, str]:
         """What holds along one approach; the coarse holds; why there is none."""

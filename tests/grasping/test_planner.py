@@ -238,6 +238,14 @@ def test_a_parameter_that_makes_no_sense_is_named(name: str, value: float) -> No
 
 
 @pytest.mark.parametrize(
+    "change", [{"finger_width": 1e-6}, {"finger_width": 1e-300}, {"palm_depth": 0.17, "pad_length": 0.02}]
+)
+def test_a_gripper_that_can_hold_nothing_is_refused_by_the_field(change: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"gripper.{next(iter(change))} = "):
+        CurvaturePlanner(dataclasses.replace(ROBOTIQ_2F_140, **change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
     ("scene", "name"),
     [
         ({"up": (0, 0, 0)}, "up"),
