@@ -275,12 +275,12 @@ static PyObject *survey(PyObject *self, PyObject *arguments)
 }
 
 static PyMethodDef methods[] = {
-    {"short_side", across, METH_VARARGS, "See views.short_side: returns the direction."},
-    {"thin", thin, METH_VARARGS, "See views.thin: fills `thinned`, returns the number of points."},
-    {"place", place, METH_VARARGS, "See views.place: fills `local`, returns middle and centre."},
+    {"short_side", across, METH_VARARGS, "See projection.short_side: returns the direction."},
+    {"thin", thin, METH_VARARGS, "See projection.thin: fills `thinned`, returns the number of points."},
+    {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns middle and centre."},
     {"scan", scan, METH_VARARGS, "See profiles.scan: fills `holds`, returns (count, too_wide, narrowest)."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
-    {"survey", survey, METH_VARARGS, "See survey.survey: fills `order`, `parts` and `measures`, returns their number."},
+    {"survey", survey, METH_VARARGS, "See survey.measured_parts: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},
 };
 

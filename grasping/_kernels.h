@@ -12,6 +12,10 @@
 #define OUT_OF_MEMORY (-1)
 #define TOO_LARGE (-2)
 
+/* The first number where the second is not less (greater), also where that is NaN. */
+static inline double least(double a, double b) { return b < a ? b : a; }
+static inline double greatest(double a, double b) { return b > a ? b : a; }
+
 /* Points seen along the approach: rows of an array (3, count). */
 typedef struct {
     const double *x, *y, *height;
@@ -21,7 +25,7 @@ typedef struct {
 /* Sort indices of keys (count) by rising key; equal ones keep their order. spare, bits: (count) to work in. */
 void sort_indices(const double *keys, ptrdiff_t count, int64_t *order, int64_t *spare, uint64_t *bits);
 
-/* views.py. axes: 3 × 3 by rows; its columns are the axes. Points here are in the cloud's frame, `height` its z. */
+/* projection.py. axes: 3 × 3 by rows; its columns are the axes. Points here are in the cloud's frame, `height` its z. */
 
 /* The direction in the plane of the first two axes across the points (cell 0), or across the footprint each of whose
  * square cells counts once. Returns 0 or an error. */

@@ -25,7 +25,6 @@ typedef struct {
     ptrdiff_t count;
 } Best;
 
-static double least(double a, double b) { return b < a ? b : a; }
 static float highest(float a, float b) { return b > a ? b : a; }
 
 /* first, last: of the columns that the points take. */

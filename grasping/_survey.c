@@ -1,4 +1,4 @@
-/* survey.survey: slabs across the long axis, their parts, and the surface variation at their sides. */
+/* survey.measured_parts: slabs across the long axis, their parts, and the surface variation at their sides. */
 #include "_kernels.h"
 
 #include <math.h>
@@ -11,9 +11,6 @@ static const double PI = 3.14159265358979323846;
 typedef struct {
     double x, y, z;
 } Point;
-
-static double least(double a, double b) { return b < a ? b : a; }
-static double greatest(double a, double b) { return b > a ? b : a; }
 
 /* σ of the covariance of k points: `curvature.smallest_eigenvalue_share`. */
 static double variation(const Point *all, const ptrdiff_t *nearest, int k)

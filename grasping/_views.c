@@ -1,4 +1,4 @@
-/* views.py: the cloud along one approach. */
+/* projection.py: the cloud along one approach. */
 #include "_kernels.h"
 
 #include <math.h>
@@ -10,9 +10,6 @@ typedef struct {
     double height;
     ptrdiff_t index;
 } Entry;
-
-static double least(double a, double b) { return b < a ? b : a; }
-static double greatest(double a, double b) { return b > a ? b : a; }
 
 /* The coordinate of a point along the axis in this column. */
 static double project(Points cloud, ptrdiff_t i, const double axes[9], int column)

@@ -75,7 +75,7 @@ def variation_at(points: FloatArray, queries: FloatArray, k: int, tree: cKDTree 
 def variation_among(points: FloatArray, queries: FloatArray, k: int) -> FloatArray:
     """`variation_at` for few points: of equally near ones those with the lower index count, on every machine.
 
-    The reference of what `kernels.survey` does.
+    The reference of what `kernels.measured_parts` does.
     """
     k = min(k, len(points))
     if k < 3:
