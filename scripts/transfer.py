@@ -1,0 +1,24 @@
+"""What realism buys: train on each kind of data set, test on the robot's own clouds; settings in conf/transfer.yaml."""
+
+import sys
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="transfer")
+def main(cfg: DictConfig) -> None:
+    from pec.errors import CheckpointError, ConfigError, DatasetError
+    from pecgrasp_env.capture import CaptureError
+    from pecgrasp_env.objects import ObjectError
+    from pecgrasp_env.transfer import run_transfer, table
+
+    try:
+        results = run_transfer(OmegaConf.to_container(cfg, resolve=True))
+    except (CaptureError, CheckpointError, ConfigError, DatasetError, ObjectError) as error:
+        sys.exit(f"transfer: {error}")
+    print(f"\nbest first:\n{table(results)}\nresults: {cfg.out}/results.json")
+
+
+if __name__ == "__main__":
+    main()
