@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -75,7 +76,9 @@ class Frame:
             self.valid = (squared >= near * near) & (squared <= far * far)
         self.count = int(np.count_nonzero(self.valid))
         if not self.count:
-            raise CloudError(f"cloud: none of {len(self.points)} points is valid and {where} from the frame's origin")
+            beyond = squared[np.isfinite(squared) & (squared > 0)]
+            nearest = f"; the nearest is {math.sqrt(beyond.min()):.4g} m away" if len(beyond) else ""
+            raise CloudError(f"cloud: none of {len(self.points)} points is valid and {where} from its origin{nearest}")
         self.rejected: list[Rejected] = []
         measured = int(np.count_nonzero(squared > 0))  # neither NaN nor the zero that stands for nothing measured
         self.reject("points", "no depth", len(self.points) - measured)

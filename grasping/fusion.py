@@ -164,7 +164,10 @@ def _prepare(
             return _View(points, T, None, f"its table was not found: {found}")
         points = points[found.distances(points) > found.band]
     if len(points) and (span := float(np.ptp(points, axis=0).max())) > LARGEST_OBJECT:
-        raise CloudError(f"{name}: spans {span:.6g} m, more than {LARGEST_OBJECT} m; are these millimetres?")
+        raise CloudError(
+            f"{name}: spans {span:.6g} m, more than {LARGEST_OBJECT} m; are these millimetres, or is it to be cropped"
+            " to what stands on the table?"
+        )
     if not len(points):
         return _View(points, T, None, "nothing is left without the table")
     numbers = cubes(points, voxel)

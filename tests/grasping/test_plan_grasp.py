@@ -212,7 +212,7 @@ def test_the_readmes_lines_on_several_views_run_as_they_stand() -> None:
     }
     exec(readme_lines(2), names)
     assert names["fused"].kept == [0, 1, 2]
-    assert len(names["scene"].objects) == len(BOXES)
+    assert len(names["rest"]) == len(BOXES) - 1
     pose = views[0] @ names["plan"].best.pose
     assert min(np.hypot(*(pose[:2, 3] - box[:2])) for box in BOXES) < 0.01
     assert pose[2, 2] < -0.98
