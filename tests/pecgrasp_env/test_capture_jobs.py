@@ -146,12 +146,16 @@ def test_parts_that_do_not_exist_are_refused(text):
         Part.parse(text)
 
 
+@pytest.mark.slow
 def test_a_launcher_shares_the_work_and_the_plain_command_merges(tmp_path):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     out = tmp_path / "data"
     settings = [f"out={out}", "objects.classes=[can,plug_adapter]", "samples_per_instance=6", "shard_size=3"]
     settings += ["workers=1", "progress=false", "sensor.resolution=424x240"]
     script = [sys.executable, "scripts/generate_dataset.py"]
-    swept = subprocess.run([*script, "-m", "shard=0/2,1/2", *settings], cwd=ROOT, capture_output=True, text=True)
+    swept = subprocess.run(
+        [*script, "-m", "shard=0/2,1/2", "hydra/launcher=joblib", *settings], cwd=ROOT, capture_output=True, text=True
+    )
     assert swept.returncode == 0, swept.stderr
     assert (out / "results.0of2.json").is_file()
     assert not (out / "manifest.json").exists()
