@@ -40,7 +40,7 @@ def read_cloud(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     .pcd: x, y, z of version 0.7; ascii, binary or binary_compressed; HEIGHT above 1 is organised. VIEWPOINT is ignored.
     .npy: shape (N, 3) or (H, W, 3), or a structured array with fields x, y, z.
     .npz: the array "points", else "xyz", else "depth" (H, W) with intrinsics "K" (3, 3) → OpenCV's camera frame, depth
-        of an integer type in millimetres and of a floating type in metres; else the first array of a cloud's shape.
+        of an integer type in millimetres and of a floating type in metres; else the one array of a cloud's shape.
     .xyz: three numbers a line and whatever follows them, apart by blanks, commas or semicolons; # and // are comments,
         and a first line of names or of the number of points is left out.
 

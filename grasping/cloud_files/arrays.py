@@ -41,17 +41,18 @@ def read_npz(data: bytes) -> NDArray:
                 if "K" not in names:
                     raise CloudError("array 'depth' needs the intrinsics (3, 3) as array 'K' beside it")
                 return _back_projected(load("depth"), load("K"))
-            shapes = []
-            for name in names:
-                array = load(name)
-                if _is_cloud(array):
-                    return _cloud(array, f"array {name!r}")
-                shapes.append(f"{name} {array.shape}")
+            arrays = {name: load(name) for name in names}
     except CloudError:  # a ValueError, too
         raise
     except _ZIP_ERRORS as error:
         raise CloudError(f"not a readable .npz: {error}") from error
-    raise CloudError(f"no array of shape (N, 3) or (H, W, 3) among {', '.join(shapes)[:200] or 'no arrays'}")
+    clouds = [name for name, array in arrays.items() if _is_cloud(array)]
+    if len(clouds) == 1:
+        return _cloud(arrays[clouds[0]], f"array {clouds[0]!r}")
+    if clouds:
+        raise CloudError(f"the cloud may be any of {', '.join(clouds)[:200]}; name it 'points'")
+    shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+    raise CloudError(f"no array of shape (N, 3) or (H, W, 3) among {shapes[:200] or 'no arrays'}")
 
 
 def _array(data: bytes) -> NDArray:
