@@ -117,15 +117,16 @@ static double overlap(const Strip *strip, double tip, const double outer[2])
     return (top[1] < top[0] ? top[1] : top[0]) - tip;
 }
 
-/* Free space beside start … end. What is nearer than TOUCHING belongs to the contact itself. */
-static double gap(Points points, const Axis *axis, double half, double start, double end, double most)
+/* Free space beside start … end from `nearest` on; 0 where anything in between is higher than the palm. */
+static double gap(
+    Points points, const Axis *axis, double half, double start, double end, double nearest, double palm, double most)
 {
     const double middle = 0.5 * (start + end), half_width = 0.5 * (end - start);
     for (ptrdiff_t i = 0; i < points.count; i++) {
         const double distance = fabs(along(axis, points.x[i], points.y[i]) - middle) - half_width;
-        if (distance < most && distance >= TOUCHING &&
-            fabs(across(axis, points.x[i], points.y[i])) <= half + BESIDE)
-            most = distance;
+        const int beside = distance < most && distance >= nearest, under = distance < 0.0 && points.height[i] > palm;
+        if ((beside || under) && fabs(across(axis, points.x[i], points.y[i])) <= half + BESIDE)
+            most = under ? 0.0 : distance;
     }
     return most;
 }
@@ -146,7 +147,7 @@ static Points near_points(Points points, double x, double y, double tip, double 
 
 int refine_holds(
     Points object, Points others, const double *heading, const double *x, const double *y, const double *tip,
-    const double *width, ptrdiff_t count, double pad_width, double wished_room, double *contacts)
+    const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach, double *contacts)
 {
     const ptrdiff_t most = object.count > others.count ? object.count : others.count;
     if ((size_t)most > SIZE_MAX / (6 * sizeof(double)) - 1)
@@ -158,10 +159,10 @@ int refine_holds(
     Strip strip = {spare, spare + most + 1, spare + 2 * (most + 1), 0};
     const double half = 0.5 * pad_width;
     for (ptrdiff_t i = 0; i < count; i++) {
-        const double reach = 0.5 * width[i] + SEARCH;
-        /* Farther than this nothing matters: a hold moves by at most its reach in each of its steps, and is then looked
-         * at over its reach and half its width, or the free space that is wished for. */
-        const double far = (STEPS + 2) * reach + half + BESIDE + wished_room;
+        const double search = 0.5 * width[i] + SEARCH;
+        /* Farther than this nothing matters: a hold moves by at most `search` in each of its steps, and is then looked
+         * at over that and half its width, or the free space that is wished for. */
+        const double far = (STEPS + 2) * search + half + BESIDE + wished_room;
         const Points near = near_points(object, x[i], y[i], tip[i], far, memory);
         double turned = heading[i], at_x = x[i], at_y = y[i];
         Axis axis = axis_of(turned, at_x, at_y);
@@ -169,7 +170,7 @@ int refine_holds(
         double slopes[2], outer[2], start, end;
         int empty;
         for (int step = 0;; step++) {
-            gather(&strip, near, &axis, half, reach);
+            gather(&strip, near, &axis, half, search);
             contour = draw_contour(&strip, half);
             slopes[0] = slope(contour.least[0], pad_width);
             slopes[1] = -slope(contour.least[1], pad_width);
@@ -199,9 +200,10 @@ int refine_holds(
         to[CONTACT_ANGLE * count] = right > left ? right : left;
         to[CONTACT_SHARE * count] = other < one ? other : one;
         to[CONTACT_OVERLAP * count] = empty ? 0.0 : overlap(&strip, tip[i], outer);
-        const double free_space = gap(near, &axis, half, start, end, wished_room);
-        to[CONTACT_GAP * count] = gap(
-            near_points(others, x[i], y[i], tip[i], far, memory), &axis, half, start, end, free_space);
+        /* What is nearer to the object than TOUCHING belongs to the contact itself. */
+        const double free_space = gap(near, &axis, half, start, end, TOUCHING, INFINITY, wished_room);
+        to[CONTACT_GAP * count] = gap(near_points(others, x[i], y[i], tip[i], far, memory), &axis, half, start, end, 0.0,
+                                      tip[i] + reach, free_space);
         to[CONTACT_EMPTY * count] = empty;
     }
     free(memory);

@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* Raised whenever a function here takes or returns something else; grasping/kernels.py names the one that it knows. */
-#define INTERFACE 4
+#define INTERFACE 5
 
 #define MOST_BUFFERS 12
 

@@ -68,11 +68,11 @@ enum {
 /* heading … width: arrays of `count` coarse holds. contacts: (CONTACT_TERMS, count). Returns 0 or an error. */
 int refine_holds(
     Points object, Points others, const double *heading, const double *x, const double *y, const double *tip,
-    const double *width, ptrdiff_t count, double pad_width, double wished_room, double *contacts);
+    const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach, double *contacts);
 
 /* ranking.py. Numbers only, in the order of ranking.Rules. */
 typedef struct {
-    double pad_width, stroke, finger_thickness, finger_room, wished_room, greatest_width;
+    double pad_width, stroke, finger_thickness, finger_room, wished_room, greatest_width, reach;
     double steepest, parallel, blurred; /* angles of contacts that slip; are as good as parallel; cost all in the scan */
     double least_overlap, least_contact, most_clearance, far_from_centre;
     double refined, alike_place, alike_heading, alike_tip;                  /* scoring.best_unlike */

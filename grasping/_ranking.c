@@ -141,7 +141,8 @@ static int try_holds(const Scene *scene, const Places *holds, Found *found)
     double contacts[CONTACT_TERMS * MOST_TRIED];
     const ptrdiff_t count = holds->count;
     const int error = refine_holds(scene->object, scene->others, holds->heading, holds->x, holds->y, holds->tip,
-                                   holds->width, count, scene->rules->pad_width, scene->rules->wished_room, contacts);
+                                   holds->width, count, scene->rules->pad_width, scene->rules->wished_room,
+                                   scene->rules->reach, contacts);
     for (ptrdiff_t i = 0; !error && i < count && found->count < MOST_TRIED; i++) {
         Tried *hold = &found->tried[found->count++];
         for (int term = 0; term < CONTACT_TERMS; term++)

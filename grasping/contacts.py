@@ -39,25 +39,28 @@ class Contacts:
     angle: FloatArray  # of the worse contour against its pad
     contact: FloatArray  # share of the pad's width that touches, worse side: 1 less the contour's lateral curvature
     overlap: FloatArray  # depth of the pad below the top of the surface that it touches, worse side
-    gap: FloatArray  # free space beside the object, narrower side, cut at `wished_room`
+    gap: FloatArray  # free space beside the object, narrower side, cut at `wished_room`; 0 where the palm would hit
     empty: NDArray[np.bool_]  # too few points between the pads for the rest to mean anything
 
 
-def refine(points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float) -> Contacts:
+def refine(
+    points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float, reach: float
+) -> Contacts:
     """Turn and centre each hold on the points between its pads.
 
-    points (3, N): x, y and height of the object. blockers (3, K): what else a finger could hit.
+    points (3, N): x, y and height of the object. blockers (3, K): what else a finger could hit, and
+    the palm, which is this far (m) behind the tips.
     """
     half = 0.5 * pad_width
     heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
-    reach = 0.5 * holds.width + SEARCH
+    search = 0.5 * holds.width + SEARCH
     points = points[:, points[2] > tip.min(initial=np.inf)]
     height = points[2]
     above = height > tip[:, None]
     for step in range(STEPS + 1):
         cos, sin = exact.cos(heading), exact.sin(heading)
         along, across = _turned(points, cos, sin, x, y)
-        between = above & (np.abs(across) <= half) & (np.abs(along) <= reach[:, None])
+        between = above & (np.abs(across) <= half) & (np.abs(along) <= search[:, None])
         chosen = np.flatnonzero(between)
         hold = chosen // between.shape[1]
         u = along.reshape(-1)[chosen]
@@ -78,10 +81,16 @@ def refine(points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width:
     for side in (0, 1):
         touched = u[side] <= outermost[side, hold] + CONTACT_BAND
         np.maximum.at(top[side], hold[touched], height[point[touched]])
-    gap = _gap(along, across, above, start, end, half, wished_room)
+    # What is nearer to the object than TOUCHING belongs to the contact itself.
+    distance, beside = _beside(along, across, start, end, half)
+    gap = np.min(distance, axis=1, initial=wished_room, where=above & beside & (distance >= TOUCHING))
     if blockers.shape[1]:
         along, across = _turned(blockers, cos, sin, from_x, from_y)
-        gap = np.minimum(gap, _gap(along, across, blockers[2] > tip[:, None], start, end, half, wished_room))
+        distance, beside = _beside(along, across, start, end, half)
+        in_the_way = beside & (distance >= 0.0) & (blockers[2] > tip[:, None])
+        under = beside & (distance < 0.0) & (blockers[2] > (tip + reach)[:, None])
+        gap = np.minimum(gap, np.min(distance, axis=1, initial=wished_room, where=in_the_way))
+        gap = np.where(under.any(axis=1), 0.0, gap)
     return Contacts(
         heading=heading,
         x=x,
@@ -133,17 +142,10 @@ def _support(behind: FloatArray) -> FloatArray:
     return np.clip((TOUCHING - behind) / (TOUCHING - ROUGHNESS), 0.0, 1.0).mean(axis=-1)
 
 
-def _gap(
-    along: FloatArray,
-    across: FloatArray,
-    above: NDArray[np.bool_],
-    start: FloatArray,
-    end: FloatArray,
-    half: float,
-    most: float,
-) -> FloatArray:
-    """Free space (M,) beside start … end. What is nearer than TOUCHING belongs to the contact itself."""
+def _beside(
+    along: FloatArray, across: FloatArray, start: FloatArray, end: FloatArray, half: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(M, N) how far each point lies outside of start … end along the closing axis; whether it is in the pads' way."""
     distance = np.abs(along - (0.5 * (start + end))[:, None])
     distance -= (0.5 * (end - start))[:, None]
-    in_the_way = above & (np.abs(across) <= half + BESIDE) & (distance >= TOUCHING)
-    return np.min(distance, axis=1, initial=most, where=in_the_way)
+    return distance, np.abs(across) <= half + BESIDE

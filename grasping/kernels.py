@@ -42,7 +42,7 @@ from grasping.views import View
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 4  # as in _kernels.c
+INTERFACE = 5  # as in _kernels.c
 MOST_TRIED = 64  # likewise
 
 
@@ -127,7 +127,7 @@ def _numbers(rules: Rules) -> FloatArray:
     return np.array(
         [
             *(rules.pad_width, rules.stroke, rules.finger_thickness),
-            *(rules.finger_room, rules.wished_room, rules.greatest_width),
+            *(rules.finger_room, rules.wished_room, rules.greatest_width, rules.reach),
             *(rules.steepest, rules.parallel, rules.steepest + BLUR),
             *(rules.least_overlap, LEAST_CONTACT, MOST_CLEARANCE, FAR_FROM_CENTRE),
             *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),

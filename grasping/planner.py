@@ -110,6 +110,7 @@ class CurvaturePlanner:
             finger_room=finger_room,
             wished_room=finger_room + 0.015,
             greatest_width=gripper.stroke - stroke_margin,
+            reach=self._reach,
             friction=friction,
         )
         # From above an object may be too flat to show how steep its sides are. A tilted hand must see it: the edge of a
@@ -183,7 +184,7 @@ class CurvaturePlanner:
             finger_room=rules.finger_room,
             wished_room=rules.wished_room,
             greatest_width=rules.greatest_width,
-            reach=self._reach,
+            reach=rules.reach,
             centre=view.centre,
         )
         holds: Holds = found.holds

@@ -44,6 +44,7 @@ class Rules:
     finger_room: float
     wished_room: float
     greatest_width: float
+    reach: float  # from the tips to the palm
     friction: float
     least_overlap: float = LEAST_OVERLAP
 
@@ -95,7 +96,14 @@ def rank(view: View, holds: Holds, rules: Rules) -> Ranked:
 
 def _try(view: View, holds: Holds, whole: FloatArray, rules: Rules) -> Tried:
     """Look closely at holds, of which `whole` (M,) is the share of their slabs that is between the pads."""
-    contacts = refine(view.points, view.obstacles, holds, pad_width=rules.pad_width, wished_room=rules.wished_room)
+    contacts = refine(
+        view.points,
+        view.obstacles,
+        holds,
+        pad_width=rules.pad_width,
+        wished_room=rules.wished_room,
+        reach=rules.reach,
+    )
     refused = np.any(_against(contacts, rules), axis=0)
     return Tried(contacts, whole, np.where(refused, -np.inf, weigh(_terms(view, contacts, whole, rules))))
 

@@ -141,6 +141,19 @@ def test_the_palm_does_not_come_down_on_what_hangs_between_the_fingers(height: f
     assert finger_points(grasp, bar) == 0
 
 
+@pytest.mark.parametrize("seed", range(60))
+def test_neither_fingers_nor_palm_come_down_on_a_bar_that_hangs_anywhere(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cloud = box_top(*rng.uniform([0.05, 0.03, 0.03], [0.13, 0.08, 0.1]))
+    length, turn = rng.uniform(0.01, 0.12), rng.uniform(0, np.pi)
+    bar = grid((-length, length), (-0.02, 0.02), step=0.004)
+    bar = bar @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + rng.uniform(-0.04, 0.04, 2)
+    bar = np.column_stack([bar, np.full(len(bar), cloud[:, 2].max() + rng.uniform(0.02, 0.25))])
+    for grasp in CurvaturePlanner().plan(cloud, up=UP, table=TABLE, obstacles=bar).candidates:
+        assert finger_points(grasp, bar) == 0
+        assert in_the_palm(grasp, bar) == 0
+
+
 def test_no_room_anywhere_is_said() -> None:
     cloud = box_top(0.06, 0.05, 0.03)
     ring = grid((-0.10, 0.10), (-0.10, 0.10), step=0.003)
