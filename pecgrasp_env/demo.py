@@ -57,7 +57,7 @@ def run_demo(
     parts = {"clouds": clouds, "training": run, "episodes": episodes}
 
     config = CaptureConfig.from_settings(generation)
-    say(f"[1/4] Labelled clouds: each object alone, at random before the depth camera → {clouds}")
+    say(f"[1/4] Labelled clouds: objects on the robot's table, seen and cut out as in the episodes → {clouds}")
     with _work_on(clouds), _cloud_bar() as progress:
         made = generate(config, clouds, workers=settings["workers"], progress=progress)
     say(f"      {made.n_samples:,} clouds, {made.n_new:,} of them new")
