@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from grasping_shapes import TABLE, UP, box_top, moved, pliers, standing_can
 
+import grasping
 from grasping import (
     ROBOTIQ_2F_140,
     CentroidPlanner,
@@ -36,7 +37,8 @@ SHARES = {  # of the ten thousand
     Segmenter: 200,
 }
 PLANNERS = [each for each in SHARES if each is not Segmenter]
-A_HANG = 20.0  # s of processor time for one cloud; the slowest takes 0.25 s, and a slow machine is no error
+AT_MOST = 1.0 if grasping.compiled else 4.0  # s of processor time for one cloud; the slowest takes 0.25 s compiled
+SLOWED = 5  # turns that a busy machine may spoil
 Cloud = Any  # a hostile cloud may be of any type
 Random = np.random.Generator
 SHAPES = [box_top(0.15, 0.05, 0.06, step=0.006), standing_can(0.033, 0.1, step=0.006), pliers(step=0.004)]
@@ -229,13 +231,16 @@ def outcome_of(run: Callable[[], GraspPlan | Scene]) -> str:
     """What comes of it: a plan, a reason, a scene or a typed error's name; whatever else is raised goes through."""
     with warnings.catch_warnings(), np.errstate(divide="raise", over="raise", invalid="raise"):
         warnings.simplefilter("error")
-        start = time.thread_time()
-        try:
-            found: GraspPlan | Scene | str = run()
-        except (CloudError, ConfigError) as error:
-            found = f"{type(error).__name__}: {error}"
-        spent = time.thread_time() - start
-    assert spent < A_HANG
+        for _ in range(SLOWED):
+            start = time.thread_time()
+            try:
+                found: GraspPlan | Scene | str = run()
+            except (CloudError, ConfigError) as error:
+                found = f"{type(error).__name__}: {error}"
+            spent = time.thread_time() - start
+            if spent < AT_MOST:
+                break
+    assert spent < AT_MOST
     if isinstance(found, str):
         assert len(found) > 25  # says more than its name
         return found.partition(":")[0]
@@ -247,10 +252,9 @@ def outcome_of(run: Callable[[], GraspPlan | Scene]) -> str:
     return "plan" if found.best is not None else "reason"
 
 
-@pytest.mark.parametrize("part", [pytest.param(4, id="a fourth"), pytest.param(1, id="all", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tested", SHARES, ids=lambda each: each.__name__)
-def test_a_hostile_cloud_ends_in_a_plan_a_reason_or_a_typed_error(tested: type, part: int) -> None:
-    count = SHARES[tested] // part
+def test_a_hostile_cloud_ends_in_a_plan_a_reason_or_a_typed_error(tested: type) -> None:
+    count = SHARES[tested]
     rng = np.random.default_rng([0, *tested.__name__.encode()])
     outcomes: Counter[str] = Counter()
     subject = tested()
