@@ -10,7 +10,7 @@ test: setup lint
 lint: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	.venv/bin/mypy
+	.venv/bin/python -m mypy
 
 benchmark: setup
 	.venv/bin/python scripts/benchmark.py
