@@ -11,6 +11,7 @@
 
 #define OUT_OF_MEMORY (-1)
 #define TOO_LARGE (-2)
+#define PI 3.14159265358979323846
 
 /* The first number where the second is not less (greater), also where that is NaN. */
 static inline double least(double a, double b) { return b < a ? b : a; }

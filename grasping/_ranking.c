@@ -3,7 +3,6 @@
 
 #include <math.h>
 
-static const double PI = 3.14159265358979323846;
 
 /* A hold that was looked at closely; its score is −INFINITY where something speaks against it. */
 typedef struct {

@@ -6,7 +6,6 @@
 
 enum { NEIGHBOURS = 10, THINNED = 150 };
 static const double PART_GAP = 0.010, LEAST_CELL = 0.002;
-static const double PI = 3.14159265358979323846;
 
 typedef struct {
     double x, y, z;
