@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.cloud_files.text import decoded, read_columns, table_lines
+from grasping.cloud_files.text import header_lines, read_columns, table_lines
 from grasping.errors import CloudError
 
 _CODES = {"F": "f", "I": "i", "U": "u"}
@@ -76,12 +76,7 @@ def read_pcd(data: bytes) -> NDArray:
 def _header(data: bytes) -> tuple[dict[str, list[str]], int, int]:
     """The words after each key, where the body begins, and the number of its first line."""
     header: dict[str, list[str]] = {}
-    begin, number = 0, 0
-    while begin < len(data):
-        end = data.find(b"\n", begin)
-        end = len(data) if end < 0 else end
-        words = decoded(data[begin:end]).split()
-        begin, number = end + 1, number + 1
+    for number, words, begin in header_lines(data):
         if not words or words[0].startswith("#"):
             continue
         header[words[0]] = words[1:]

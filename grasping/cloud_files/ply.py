@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.cloud_files.text import decoded, read_columns, table_lines
+from grasping.cloud_files.text import header_lines, read_columns, table_lines
 from grasping.errors import CloudError
 
 _TYPES = {
@@ -74,12 +74,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int, int]:
         raise CloudError("it does not begin with 'ply'")
     order: str | None = None
     elements: list[_Element] = []
-    begin, number = 0, 0
-    while begin < len(data):
-        end = data.find(b"\n", begin)
-        end = len(data) if end < 0 else end
-        words = decoded(data[begin:end]).split()
-        begin, number = end + 1, number + 1
+    for number, words, begin in header_lines(data):
         if not words or words[0] in ("ply", "comment", "obj_info"):
             continue
         if words[0] == "end_header":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,17 @@ _APART = re.compile(r"[\s,;]+")
 def decoded(data: bytes) -> str:
     """Text of a file; a byte that is no ASCII becomes a character that no number contains."""
     return data.decode("ascii", errors="replace")
+
+
+def header_lines(data: bytes) -> Iterator[tuple[int, list[str], int]]:
+    """Of each line of a file its number, from 1, its words, and where in the data the next line begins."""
+    begin, number = 0, 0
+    while begin < len(data):
+        end = data.find(b"\n", begin)
+        end = len(data) if end < 0 else end
+        words = decoded(data[begin:end]).split()
+        begin, number = end + 1, number + 1
+        yield number, words, begin
 
 
 def table_lines(body: bytes) -> list[str]:
