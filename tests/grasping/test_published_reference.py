@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from grasping_shapes import box_top, moved, pliers, whole_cylinder
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasping import PublishedPlanner
@@ -75,12 +75,14 @@ SHAPES = {
 
 
 @settings(max_examples=6, deadline=None)
+@example(seed=110586, name="hammer", n=6)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(sorted(SHAPES)), n=st.sampled_from([4, 6]))
 def test_regions_primitives_lengths_and_curvatures_are_those_of_the_text(seed: int, name: str, n: int) -> None:
     cloud = scattered(SHAPES[name], 160, seed)
-    expected = sorted(regions_by_loops(cloud, n), key=lambda region: region[3])
+    # A slab and its largest cluster can have the same sides and so, but for rounding, the same curvature.
+    expected = sorted(regions_by_loops(cloud, n), key=lambda region: (round(region[3], 9), region[0]))
     plan = PublishedPlanner.released(neighbour_divisors=(n, n // 2)).plan(cloud)
-    found = sorted(plan.regions, key=lambda region: region.curvature)
+    found = sorted(plan.regions, key=lambda region: (round(region.curvature, 9), len(region.points)))
     assert [(len(region.points), region.primitive) for region in found] == [region[:2] for region in expected]
     np.testing.assert_allclose([region.width for region in found], [region[2] for region in expected], atol=1e-9)
     np.testing.assert_allclose([region.curvature for region in found], [region[3] for region in expected], atol=1e-9)
