@@ -33,7 +33,8 @@ def scale_initial_weights(model: nn.Module, inputs: torch.Tensor, seed: int) -> 
             assert layer.bias is not None
             layer.bias.zero_()
             outputs = _outputs_of(layer, model, inputs)
-            channels_last = outputs if isinstance(layer, nn.Linear) else outputs.transpose(1, 2)
+            # Channels come last but in torch's own convolutions (PEC's read signals with the channels last).
+            channels_last = outputs.transpose(1, 2) if type(layer) in (nn.Conv1d, nn.ConvTranspose1d) else outputs
             # Spread between clouds: what is equal for all of them says nothing.
             spread = outputs.std(dim=0).mean().clamp_min(1e-6)
             layer.weight.div_(spread)
@@ -44,7 +45,7 @@ def scale_initial_weights(model: nn.Module, inputs: torch.Tensor, seed: int) -> 
 
 
 def _outputs_of(layer: nn.Module, model: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
-    """What `layer` (…, channels or channels, length) gives when `model` sees `inputs`."""
+    """What `layer` gives when `model` sees `inputs`."""
     seen: list[torch.Tensor] = []
     handle = layer.register_forward_hook(lambda _module, _inputs, output: seen.append(output))
     try:

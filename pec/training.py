@@ -228,7 +228,9 @@ class _Run:
                     group["lr"] = rate
                 labels = training.labels[index]
                 inputs = static[index] if static is not None else self._draw(training, index, generator)
-                logits = self.model(inputs)
+                with torch.autocast(self.device.type, torch.bfloat16, enabled=protocol.precision == "bfloat16"):
+                    logits = self.model(inputs)
+                logits = logits.float()
                 loss = nn.functional.cross_entropy(logits, labels, label_smoothing=protocol.label_smoothing)
                 if isinstance(self.model, PointNet):
                     assert self.model.penalty is not None

@@ -1,7 +1,10 @@
 """The published network has the published size."""
 
+from collections import OrderedDict
+
 import pytest
 import torch
+from torch import nn
 
 from pec import PEC
 from pec.fused import FusedPEC
@@ -41,6 +44,35 @@ def test_parameters_of_each_layer_are_the_published_ones():
         165,
     ]
     assert [count for count in counts if count] == expected
+
+
+def published_layers(n, n_classes):
+    """The network in torch's own layers, on signals (B, channels, length)."""
+    relu, flatten = nn.ReLU, nn.Flatten
+    encoder = [nn.Conv1d(n, 4 * n, 3, padding=1), nn.BatchNorm1d(4 * n), relu()]
+    encoder += [nn.Conv1d(4 * n, 8 * n, 3, padding=1), nn.BatchNorm1d(8 * n), relu()]
+    encoder += [nn.Conv1d(8 * n, n, 3, padding=1), nn.BatchNorm1d(n), relu(), flatten(), nn.Linear(3 * n, n // 2)]
+    decoder = [nn.Linear(n // 2, n), nn.Unflatten(1, (n, 1)), nn.ConvTranspose1d(n, 4 * n, 2), relu()]
+    decoder += [nn.ConvTranspose1d(4 * n, 8 * n, 2), relu(), nn.ConvTranspose1d(8 * n, n, 1), nn.Sigmoid()]
+    head = [nn.Conv1d(n, n // 2, 1), relu(), flatten(), nn.Linear(3 * n // 2, n), relu()]
+    head += [nn.Linear(n, n // 2), relu(), nn.Linear(n // 2, n_classes)]
+    parts = {"encoder": encoder, "decoder": decoder, "head": head}
+    return nn.Sequential(OrderedDict((name, nn.Sequential(*layers)) for name, layers in parts.items()))
+
+
+def test_outputs_and_gradients_are_those_of_torchs_convolutions():
+    torch.manual_seed(0)
+    model = PEC(16, 5).double()
+    reference = published_layers(16, 5).double()
+    reference.load_state_dict(model.state_dict())
+    points = torch.randn(20, 16, 3, dtype=torch.float64)
+    for training in (True, False):
+        outputs = model.train(training)(points), reference.train(training)(points)
+        assert torch.allclose(*outputs, rtol=0, atol=1e-12)
+        for output in outputs:
+            output.square().sum().backward()
+        for (name, ours), theirs in zip(model.named_parameters(), reference.parameters(), strict=True):
+            assert torch.allclose(ours.grad, theirs.grad, rtol=1e-9, atol=1e-12), name
 
 
 def test_order_of_the_points_matters():

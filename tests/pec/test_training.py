@@ -14,7 +14,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from pec.checkpoint import read_training_state
+from pec.checkpoint import read_checkpoint, read_training_state
 from pec.clouds import load_dataset
 from pec.config import read_config
 from pec.errors import ConfigError, DatasetError, TrainingError
@@ -132,6 +132,19 @@ def test_published_protocol_is_full_batch_and_labelled(shapes, tmp_path):
     assert results["best"]["selection_accuracy"] == results["best"]["test_accuracy"]
     steps = [value for key, value in read_training_state(tmp_path / "last").optimizer.items() if key.endswith("step")]
     assert {int(step) for step in steps} == {3}
+
+
+def test_products_of_half_precision_train_other_weights_that_are_kept_in_full(shapes, tmp_path):
+    weights = []
+    for precision in ("float32", "bfloat16"):
+        protocol = {"epochs": 2, "precision": precision}
+        results = train(_settings(shapes, tmp_path / precision, protocol=protocol))
+        assert np.isfinite(results["curves"]["train_loss"]).all()
+        weights.append(read_checkpoint(tmp_path / precision / "last").model.state_dict())
+    assert {tensor.dtype for tensor in weights[1].values()} == {torch.float32, torch.int64}
+    assert any(not torch.equal(a, b) for a, b in zip(*(state.values() for state in weights), strict=True))
+    with pytest.raises(ConfigError, match=r"protocol\.precision must be one of float32, bfloat16, got 'half'"):
+        train(_settings(shapes, tmp_path / "x", protocol={"precision": "half"}))
 
 
 def test_splits_do_not_overlap_and_instances_stay_apart(shapes):
