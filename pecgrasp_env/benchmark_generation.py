@@ -88,7 +88,7 @@ def _seconds_a_cloud(config: CaptureConfig, workers: int) -> float:
 
 def _shares(case: str, config: CaptureConfig) -> list[Row]:
     """What one process spends on a cloud, by part; the rasteriser's is the floor."""
-    from pecgrasp_env.capture import free, tabletop
+    from pecgrasp_env.capture import free, table, tabletop
     from pecgrasp_env.capture.studio import DepthStudio
 
     scenario, subjects = _opened(config)
@@ -100,7 +100,7 @@ def _shares(case: str, config: CaptureConfig) -> list[Row]:
         _timed(tabletop, "measure", spent, "sensor model"),
         _timed(tabletop, "cut_out", spent, "segmentation"),
         _timed(tabletop, "arrange", spent, "layout of the table"),
-        _timed(tabletop, "background_depth", spent, "table and floor"),
+        _timed(table, "background_depth", spent, "table and floor"),
     ):
         begin = time.perf_counter()
         n = len(scenario.capture(subjects, 2, 40).samples)

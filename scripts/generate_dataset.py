@@ -27,7 +27,13 @@ def main(cfg: DictConfig) -> None:
                 bar.update(done - bar.n)
 
             generation = generate(
-                config, cfg.out, workers=cfg.workers, on_error=cfg.on_error, part=part, progress=progress
+                config,
+                cfg.out,
+                workers=cfg.workers,
+                on_error=cfg.on_error,
+                part=part,
+                frames_at_once=cfg.frames_at_once,
+                progress=progress,
             )
         summary = summarise(generation)
     except (CaptureError, DatasetError, ObjectError, SensorError) as error:

@@ -10,14 +10,14 @@ where the object is not wholly in view, is nearer than the minimum depth, or giv
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from pec.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.samples import Captured, Subject, measure, random_rotation, sample_seed
-from pecgrasp_env.capture.studio import DepthStudio
+from pecgrasp_env.capture.studio import DepthStudio, Shot, Studio
 from pecgrasp_env.sensor import CameraIntrinsics, deproject_mask
 
 __all__ = ["FreeScenario", "random_pose"]
@@ -40,62 +40,80 @@ def random_pose(intrinsics: CameraIntrinsics, max_depth: float, rng: np.random.G
 class FreeScenario:
     """Objects one by one, each alone before the camera, in any pose within its view."""
 
-    def __init__(self, config: CaptureConfig) -> None:
+    def __init__(self, config: CaptureConfig, open_studio: Callable[[float], Studio] = DepthStudio) -> None:
         self._config = config
-        self._studio = DepthStudio(config.max_depth)
+        self._studio = open_studio(config.max_depth)
 
     def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
         captured = Captured()
         for subject in subjects:
             model = subject.model
-            rejected: Counter[str] = Counter()
-            seeds = (
-                sample_seed(self._config.seed, model.class_name, model.instance, number)
+            draws = [
+                _Draws(sample_seed(self._config.seed, model.class_name, model.instance, number))
                 for number in range(first, first + count)
-            )
+            ]
             try:
                 self._studio.show([model])
-                samples = [self._draw(subject, seed, rejected) for seed in seeds]
+                for start in range(0, count, self._studio.at_once):
+                    self._settle_on_poses(draws[start : start + self._studio.at_once])
             except CaptureError as error:
                 captured.given_up[subject.name] = str(error)
                 continue
-            captured.samples += samples
-            captured.rejected += rejected
+            for each in draws:
+                pose = each.shot.T_camera_object
+                sample = CloudSample(
+                    each.points, subject.class_index, subject.instance_index, pose, each.seed, each.number
+                )
+                captured.samples.append(sample)
+                captured.rejected += each.rejected
         return captured
 
-    def _draw(self, subject: Subject, seed: int, rejected: Counter[str]) -> CloudSample:
-        """One sample of the object that is shown: the first of `seed`'s draws that gives a cloud."""
-        rng = np.random.default_rng(seed)
-        tried: Counter[str] = Counter()
-        for _ in range(_MOST_DRAWS):
-            cameras = self._config.intrinsics
+    def _settle_on_poses(self, draws: Sequence[_Draws]) -> None:
+        """Draw poses of the object that is shown, for all side by side, until each has given a cloud."""
+        waiting = list(draws)
+        while waiting:
+            for each in waiting:
+                self._aim(each)
+            frames = self._studio.photograph_all([each.shot for each in waiting])
+            for each, frame in zip(waiting, frames, strict=True):
+                depth = measure(self._config, frame.depth, frame.intrinsics, each.rng)
+                each.points = deproject_mask(depth, frame.depth > 0, frame.intrinsics)
+            waiting = [each for each in waiting if len(each.points) < self._config.min_points]
+            for each in waiting:
+                each.rejected["too few points"] += 1
+
+    def _aim(self, draws: _Draws) -> None:
+        """Sets the next shot that is worth taking. Raises CaptureError after too many draws."""
+        cameras = self._config.intrinsics
+        while draws.rejected.total() < _MOST_DRAWS:
             # With one camera there is nothing to draw: the other draws are those of a set with that camera alone.
-            number = int(rng.integers(len(cameras))) if len(cameras) > 1 else 0
-            pose = random_pose(cameras[number], self._config.max_depth, rng)
-            points, reason = self._attempt(pose, cameras[number], rng)
-            if points is not None:
-                rejected.update(tried)
-                return CloudSample(points, subject.class_index, subject.instance_index, pose, seed, number)
-            tried[reason] += 1
-        reasons = ", ".join(f"{reason}: {count}" for reason, count in tried.most_common())
+            draws.number = int(draws.rng.integers(len(cameras))) if len(cameras) > 1 else 0
+            camera = cameras[draws.number]
+            pose = random_pose(camera, self._config.max_depth, draws.rng)
+            extent = self._studio.extent(0, pose, camera)
+            if extent.nearest < camera.min_depth:
+                draws.rejected["too near"] += 1
+            elif not extent.within(camera):
+                draws.rejected["out of view"] += 1
+            elif np.prod(extent.high - extent.low) < self._config.min_points:
+                draws.rejected["too few points"] += 1
+            else:
+                draws.shot = Shot(0, pose, camera, extent)
+                return
+        reasons = ", ".join(f"{reason}: {count}" for reason, count in draws.rejected.most_common())
         raise CaptureError(
             f"none of {_MOST_DRAWS} poses gave a cloud ({reasons}); a smaller min_points, a higher resolution or a "
             "smaller distance helps small objects"
         )
 
-    def _attempt(
-        self, pose: np.ndarray, camera: CameraIntrinsics, rng: np.random.Generator
-    ) -> tuple[np.ndarray | None, str]:
-        extent = self._studio.extent(0, pose, camera)
-        if extent.nearest < camera.min_depth:
-            return None, "too near"
-        if not extent.within(camera):
-            return None, "out of view"
-        if np.prod(extent.high - extent.low) < self._config.min_points:
-            return None, "too few points"
-        frame = self._studio.photograph(0, pose, camera, extent)
-        depth = measure(self._config, frame.depth, frame.intrinsics, rng)
-        points = deproject_mask(depth, frame.depth > 0, frame.intrinsics)
-        if len(points) < self._config.min_points:
-            return None, "too few points"
-        return points, ""
+
+class _Draws:
+    """The draws for one sample, up to the first that gives a cloud."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.rng = np.random.default_rng(seed)
+        self.rejected: Counter[str] = Counter()
+        self.number = 0  # of the camera
+        self.shot: Shot
+        self.points: np.ndarray

@@ -62,19 +62,23 @@ def generate(
     workers: int = 2,
     on_error: str = "stop",
     part: Part | None = None,
+    frames_at_once: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Generation:
     """Make the data set that `config` describes in `directory`, or what is missing of it.
 
     workers: processes that render; 1 renders in this process. on_error: "stop" at an object that cannot be captured, or
-    "skip" it, and say so in the manifest. part: make only this part of the shards. progress(done, total), in samples,
-    is called once at the start and after each shard.
+    "skip" it, and say so in the manifest. part: make only this part of the shards. frames_at_once: pictures that each
+    process draws together, by ManiSkill's batch on a GPU; None: many where there is a GPU, else one. The same bytes are
+    promised for one. progress(done, total), in samples, is called once at the start and after each shard.
     Raises CaptureError (an object that cannot be captured, a disk that cannot be written), ObjectError (unknown class,
     broken mesh), and DatasetError where `directory` holds another data set. After any of them, Ctrl-C or kill -9, the
     same call goes on where it stopped.
     """
     if workers < 1:
         raise CaptureError(f"workers must be at least 1, got {workers}")
+    if frames_at_once is not None and frames_at_once < 1:
+        raise CaptureError(f"frames_at_once must be at least 1, or null for what the machine has, got {frames_at_once}")
     if on_error not in ("stop", "skip"):
         raise CaptureError(f"on_error must be stop or skip, got {on_error!r}")
     directory = Path(directory)
@@ -97,7 +101,8 @@ def generate(
         return replace(there, instances=list(instances.values()), shards=shards, complete=False)
 
     manifest_name = MANIFEST_NAME if part is None else part.manifest_name
-    with _writing(directory), closing(make_shards(config, directory, missing, workers, on_error)) as results:
+    shards = make_shards(config, directory, missing, workers, on_error, frames_at_once)
+    with _writing(directory), closing(shards) as results:
         for record, entries in results:
             for entry in entries:
                 _add_instance(instances, entry, directory)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import sapien
@@ -17,14 +17,14 @@ from pecgrasp_env.sensor.rendering import SAPIEN_FROM_OPENCV, add_depth_camera, 
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel
 
-__all__ = ["DepthStudio", "Extent", "Frame"]
+__all__ = ["OUT_OF_SIGHT", "DepthStudio", "Extent", "Frame", "Shot", "Studio", "gpu_draws", "pose_of", "window_around"]
 
 _SIDES = (32, 64, 96, 128, 192, 256, 384, 512, 768)
 """Widths and heights of windows, pixels: few enough to keep a camera for each, close enough to waste little."""
 
 _SMALLEST = 0.005  # m
 
-_OUT_OF_SIGHT = sapien.Pose([-1e3, 0.0, 0.0])
+OUT_OF_SIGHT = sapien.Pose([-1e3, 0.0, 0.0])
 """Behind the camera, which stands at the scene's origin."""
 
 
@@ -53,12 +53,44 @@ class Extent:
         return bool(self.low.min() >= 0 and self.high[0] <= camera.width and self.high[1] <= camera.height)
 
 
+@dataclass(frozen=True)
+class Shot:
+    """A picture to be taken of object `index`, alone, and what `extent` says of it."""
+
+    index: int
+    T_camera_object: np.ndarray
+    camera: CameraIntrinsics
+    extent: Extent
+
+
+class Studio(Protocol):
+    """Takes exact depth pictures of objects."""
+
+    @property
+    def at_once(self) -> int:
+        """Pictures that are worth asking for together."""
+
+    def check(self, model: ObjectModel) -> None:
+        """Raises CaptureError where an object is too large or too small to be captured."""
+
+    def show(self, models: Sequence[ObjectModel]) -> None:
+        """Put `models` before the camera, in place of the objects that were there. Raises CaptureError as `check`."""
+
+    def extent(self, index: int, T_camera_object: np.ndarray, camera: CameraIntrinsics) -> Extent:
+        """Where object `index` appears at a pose (4, 4) in the OpenCV camera frame."""
+
+    def photograph_all(self, shots: Sequence[Shot]) -> list[Frame]:
+        """The exact depth in a window around each shot's object, which is alone in it."""
+
+
 class DepthStudio:
     """Photographs one object at a time with any depth camera.
 
     An empty scene shows nothing but the object, so only the window around it is drawn: a camera whose principal point
     is shifted by whole pixels sees the very rays of the full image. The picture is the same and several times faster.
     """
+
+    at_once = 1
 
     def __init__(self, largest: float) -> None:
         """largest: m, the longest side that an object may have."""
@@ -96,7 +128,7 @@ class DepthStudio:
             builder = model.add_to(self._scene.create_actor_builder(), collision=False)
             entity = sapien.Entity()
             entity.add_component(builder.build_render_component())
-            entity.set_pose(_OUT_OF_SIGHT)
+            entity.set_pose(OUT_OF_SIGHT)
             self._scene.add_entity(entity)
             self._entities.append(entity)
 
@@ -109,16 +141,18 @@ class DepthStudio:
         pixels = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
         return Extent(pixels.min(axis=0), pixels.max(axis=0), nearest)
 
-    def photograph(self, index: int, T_camera_object: np.ndarray, camera: CameraIntrinsics, extent: Extent) -> Frame:
-        """The exact depth of object `index`, alone, in a window around what `extent` says of it."""
-        pose = np.eye(4)
-        pose[:3, :3] = SAPIEN_FROM_OPENCV @ T_camera_object[:3, :3]
-        pose[:3, 3] = SAPIEN_FROM_OPENCV @ T_camera_object[:3, 3]
-        self._entities[index].set_pose(sapien.Pose(pose))
-        frame = self.draw(_window(camera, extent))
+    def photograph(self, shot: Shot) -> Frame:
+        """The exact depth of one object, alone, in a window around it."""
+        entity = self._entities[shot.index]
+        entity.set_pose(pose_of(shot.T_camera_object))
+        frame = self.draw(window_around(shot.camera, shot.extent))
         if len(self._entities) > 1:
-            self._entities[index].set_pose(_OUT_OF_SIGHT)
+            entity.set_pose(OUT_OF_SIGHT)
         return frame
+
+    def photograph_all(self, shots: Sequence[Shot]) -> list[Frame]:
+        """One after the other: together they would be no faster."""
+        return [self.photograph(shot) for shot in shots]
 
     def draw(self, window: CameraIntrinsics) -> Frame:
         """The scene as it is, through a window."""
@@ -131,7 +165,23 @@ class DepthStudio:
         return Frame(take_depth(camera), window)
 
 
-def _window(camera: CameraIntrinsics, extent: Extent) -> CameraIntrinsics:
+def gpu_draws() -> bool:
+    """Whether SAPIEN finds a GPU that draws and that CUDA reaches: what ManiSkill's batch needs."""
+    try:
+        return bool(sapien.Device("cuda").can_render())
+    except RuntimeError:  # there is none
+        return False
+
+
+def pose_of(T_camera_object: np.ndarray) -> sapien.Pose:
+    """An object's pose (4, 4) in the OpenCV camera frame as SAPIEN has it, whose cameras look along x."""
+    pose = np.eye(4)
+    pose[:3, :3] = SAPIEN_FROM_OPENCV @ T_camera_object[:3, :3]
+    pose[:3, 3] = SAPIEN_FROM_OPENCV @ T_camera_object[:3, 3]
+    return sapien.Pose(pose)
+
+
+def window_around(camera: CameraIntrinsics, extent: Extent) -> CameraIntrinsics:
     """The camera of the smallest window around the part of an extent that is in the image."""
     full = np.array([camera.width, camera.height])
     # One more pixel on each side: what the noise model takes from neighbours must be there.

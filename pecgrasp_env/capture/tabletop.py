@@ -15,9 +15,10 @@ smaller cut-out of the same object), "nothing" (a cut-out of no object), "no roo
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,18 +27,18 @@ from grasping import ROBOTIQ_2F_140, CloudError, Segmenter
 from pec.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.samples import Captured, Subject, measure, rotation_matrix, sample_seed
-from pecgrasp_env.capture.studio import DepthStudio
+from pecgrasp_env.capture.studio import DepthStudio, Shot, Studio
+from pecgrasp_env.capture.table import Table, compose
 from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
 from pecgrasp_env.perception import Percept, cut_out
 from pecgrasp_env.placement import PlacementError, arrange, settle
 from pecgrasp_env.selective_grasp import REGION
 from pecgrasp_env.views import look_postures
-from pecgrasp_env.workbench import FLOOR_Z, TABLE_X, TABLE_Y
 
 if TYPE_CHECKING:
     from pecgrasp_env.sensor import CameraIntrinsics
 
-__all__ = ["Table", "TabletopScenario", "background_depth", "resting_poses"]
+__all__ = ["TabletopScenario", "resting_poses"]
 
 _DROP_HEIGHT = 0.02
 _SPACING = 1.0
@@ -68,38 +69,27 @@ def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
     return poses
 
 
-def background_depth(T_base_camera: np.ndarray, camera: CameraIntrinsics) -> np.ndarray:
-    """(H, W) float32 m: depth of the table's top and, past its edges, of the floor; 0 where a ray meets neither."""
-    x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-    y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy)[:, None]
-    R, eye = T_base_camera[:3, :3], T_base_camera[:3, 3]
-    ray_x, ray_y, ray_z = (R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] for axis in range(3))
-    downward = ray_z < -1e-6
-    inverse = np.divide(-1.0, ray_z, out=np.zeros_like(ray_z), where=downward)
-    table = eye[2] * inverse
-    hit_x, hit_y = eye[0] + table * ray_x, eye[1] + table * ray_y
-    on_table = (hit_x > TABLE_X[0]) & (hit_x < TABLE_X[1]) & (hit_y > TABLE_Y[0]) & (hit_y < TABLE_Y[1])
-    return np.where(on_table, table, (eye[2] - FLOOR_Z) * inverse).astype(np.float32)
-
-
 @dataclass(frozen=True)
-class Table:
-    """Exact depth of a scene (H, W) m, and which object each pixel shows: (H, W) int16, 0 for none, else 1 + index.
+class _Layout:
+    """A laid table before anybody has looked at it; without shots where the objects did not fit on it."""
 
-    occlusion: of each object the share that others hide; NaN where some of it is outside of the image.
-    """
-
-    depth: np.ndarray
-    owner: np.ndarray
-    occlusion: np.ndarray
+    seed: int
+    rng: np.random.Generator
+    """Goes on to draw the sensor's faults."""
+    number: int
+    """Of the camera, among the configuration's."""
+    camera: CameraIntrinsics
+    percept: Percept
+    """What the robot knows of itself; its depth is still to come."""
+    shots: list[Shot]
 
 
 class TabletopScenario:
     """Several objects at a time on the robot's table, under its wrist camera."""
 
-    def __init__(self, config: CaptureConfig) -> None:
+    def __init__(self, config: CaptureConfig, open_studio: Callable[[float], Studio] = DepthStudio) -> None:
         self._config = config
-        self._studio = DepthStudio(_LARGEST)
+        self._studio = open_studio(_LARGEST)
         self._segmenter = Segmenter()
         self._postures = look_postures()
         self._resting: dict[tuple[str, str], np.ndarray] = {}
@@ -124,11 +114,9 @@ class TabletopScenario:
         found: list[list[CloudSample]] = [[] for _ in kept]
         barren = np.zeros(len(kept), int)
         reasons: list[Counter[str]] = [Counter() for _ in kept]
-        frame = 0
+        frames = self._frames(models, f"frames from {first}", key)
         while wanted := [i for i in range(len(kept)) if len(found[i]) < count and barren[i] < _MOST_FRAMES]:
-            seed = sample_seed(self._config.seed, f"frames from {first}", key, frame)
-            frame += 1
-            samples = self._frame(models, kept, seed, {i: reasons[i] for i in wanted}, captured.rejected)
+            samples = self._cut(*next(frames), kept, {i: reasons[i] for i in wanted}, captured.rejected)
             for i in wanted:
                 barren[i] = 0 if i in samples else barren[i] + 1
                 if i in samples:
@@ -145,42 +133,62 @@ class TabletopScenario:
                 )
         return captured
 
-    def _frame(
-        self,
-        models: Sequence[ObjectModel],
-        subjects: Sequence[Subject],
-        seed: int,
-        reasons: Mapping[int, Counter[str]],
-        rejected: Counter[str],
-    ) -> dict[int, CloudSample]:
-        """One frame's samples of the subjects that `reasons` counts for; it counts why one of them gave none."""
+    def _frames(self, models: Sequence[ObjectModel], first: str, key: str) -> Iterator[tuple[_Layout, Table | None]]:
+        """Laid tables and what an exact camera sees of them, None where there was no room; without end."""
+        ahead = max(1, self._studio.at_once // len(models))
+        for start in itertools.count(0, ahead):
+            layouts = [
+                self._lay_out(models, sample_seed(self._config.seed, first, key, number))
+                for number in range(start, start + ahead)
+            ]
+            frames = iter(self._studio.photograph_all([shot for layout in layouts for shot in layout.shots]))
+            for layout in layouts:
+                of_layout = list(itertools.islice(frames, len(layout.shots)))
+                T_base_camera = layout.percept.T_base_camera
+                table = compose(layout.shots, of_layout, T_base_camera, layout.camera) if of_layout else None
+                yield layout, table
+
+    def _lay_out(self, models: Sequence[ObjectModel], seed: int) -> _Layout:
         config, rng = self._config, np.random.default_rng(seed)
-        samples: dict[int, CloudSample] = {}
         number = int(rng.integers(len(config.cameras)))
         posture = self._postures[number % len(self._postures)]
         camera = config.intrinsics[number // len(self._postures)]
         q = posture + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
+        percept = Percept(q, ROBOTIQ_2F_140.stroke, np.zeros(0), camera)
         drawn = np.stack([poses[rng.integers(len(poses))] for poses in map(self._rest, models)])
         try:
             placed = arrange(models, drawn, rng, REGION, config.tabletop.clearance)
         except PlacementError:
+            return _Layout(seed, rng, number, camera, percept, [])
+        T_camera_base = np.linalg.inv(percept.T_base_camera)
+        poses = [T_camera_base @ _matrix(pose) for pose in placed]
+        shots = [Shot(i, pose, camera, self._studio.extent(i, pose, camera)) for i, pose in enumerate(poses)]
+        return _Layout(seed, rng, number, camera, percept, shots)
+
+    def _cut(
+        self,
+        layout: _Layout,
+        table: Table | None,
+        subjects: Sequence[Subject],
+        reasons: Mapping[int, Counter[str]],
+        rejected: Counter[str],
+    ) -> dict[int, CloudSample]:
+        """One frame's samples of the subjects that `reasons` counts for; it counts why one of them gave none."""
+        samples: dict[int, CloudSample] = {}
+        if table is None:
             for counter in reasons.values():
                 counter["no room"] += 1
             return samples
-        percept = Percept(q, ROBOTIQ_2F_140.stroke, np.zeros(0), camera)
-        T_camera_base = np.linalg.inv(percept.T_base_camera)
-        poses = [T_camera_base @ _matrix(pose) for pose in placed]
-        table = self.compose(poses, percept.T_base_camera, camera)
-        depth = measure(config, table.depth, camera, rng)
+        depth = measure(self._config, table.depth, layout.camera, layout.rng)
         try:
-            scene = cut_out(Percept(q, ROBOTIQ_2F_140.stroke, depth, camera), self._segmenter)
+            scene = cut_out(replace(layout.percept, depth=depth), self._segmenter)
         except CloudError:
             for counter in reasons.values():
                 counter["not found"] += 1
             return samples
         best: dict[int, tuple[np.ndarray, float, bool]] = {}
         for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
-            shares = np.bincount(table.owner.reshape(-1)[indices], minlength=len(models) + 1)[1:]
+            shares = np.bincount(table.owner.reshape(-1)[indices], minlength=len(layout.shots) + 1)[1:]
             if not shares.any():
                 rejected["nothing"] += 1
                 continue
@@ -196,7 +204,8 @@ class TabletopScenario:
                 counter[reason] += 1
                 continue
             points, purity, _ = best[i]
-            samples[i] = CloudSample(points, *of_subject, poses[i], seed, number, occlusion, purity)
+            pose = layout.shots[i].T_camera_object
+            samples[i] = CloudSample(points, *of_subject, pose, layout.seed, layout.number, occlusion, purity)
         return samples
 
     def _reason(self, occlusion: float, cut: tuple[np.ndarray, float, bool] | None) -> str | None:
@@ -212,29 +221,6 @@ class TabletopScenario:
         if len(cut[0]) < self._config.min_points:
             return "too few points"
         return None
-
-    def compose(self, poses: Sequence[np.ndarray], T_base_camera: np.ndarray, camera: CameraIntrinsics) -> Table:
-        """The scene with the objects that are shown at `poses`, T_camera_object (4, 4) each."""
-        depth = background_depth(T_base_camera, camera)
-        owner = np.zeros(depth.shape, np.int16)
-        alone = np.zeros(len(poses))
-        cut_off = np.zeros(len(poses), bool)
-        for i, pose in enumerate(poses):
-            extent = self._studio.extent(i, pose, camera)
-            cut_off[i] = not extent.within(camera)
-            if (extent.high <= 0).any() or (extent.low >= (camera.width, camera.height)).any():
-                continue
-            frame = self._studio.photograph(i, pose, camera, extent)
-            window = frame.intrinsics
-            row, column = round(camera.cy - window.cy), round(camera.cx - window.cx)
-            here = (slice(row, row + window.height), slice(column, column + window.width))
-            nearer = (frame.depth > 0) & ((frame.depth < depth[here]) | (depth[here] == 0))
-            depth[here][nearer] = frame.depth[nearer]
-            owner[here][nearer] = i + 1
-            alone[i] = np.count_nonzero(frame.depth)
-        seen = np.bincount(owner.reshape(-1), minlength=len(poses) + 1)[1:]
-        occlusion = 1 - np.divide(seen, alone, out=np.zeros(len(poses)), where=alone > 0)
-        return Table(depth, owner, np.where(cut_off, np.nan, occlusion))
 
     def _rest(self, model: ObjectModel) -> np.ndarray:
         key = model.class_name, model.instance

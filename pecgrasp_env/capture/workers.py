@@ -9,10 +9,11 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Member", "Result", "ShardJob", "Source", "instance_entry", "make_shards", "open_scenario", "open_source"]
 
+
+_GPU_FRAMES = 64
+"""Sub-scenes of ManiSkill's batch: at 848x480 half a gigabyte of pictures."""
 
 _GO_ON = "on_error=skip goes on with the other objects"
 
@@ -100,16 +104,22 @@ def open_source(config: CaptureConfig) -> Source:
 
 
 def make_shards(
-    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int, on_error: str = "stop"
+    config: CaptureConfig,
+    directory: Path,
+    jobs: list[ShardJob],
+    workers: int,
+    on_error: str = "stop",
+    frames_at_once: int | None = None,
 ) -> Generator[Result, None, None]:
     """Yields the result of each shard of `jobs` once it is written, in any order."""
+    of_process = config, directory, on_error, frames_at_once
     try:
         if workers == 1 or len(jobs) == 1:
-            photographer = _Photographer(config, directory, on_error)
+            photographer = _Photographer(*of_process)
             for job in jobs:
                 yield photographer.make(job)
         elif jobs:
-            yield from _run_processes(config, directory, jobs, min(workers, len(jobs)), on_error)
+            yield from _run_processes(of_process, jobs, min(workers, len(jobs)))
     except BrokenProcessPool as error:
         raise CaptureError(
             f"a process that rendered for {directory} was killed, perhaps for want of memory; the same command goes "
@@ -118,12 +128,12 @@ def make_shards(
 
 
 def _run_processes(
-    config: CaptureConfig, directory: Path, jobs: list[ShardJob], workers: int, on_error: str
+    of_process: tuple[CaptureConfig, Path, str, int | None], jobs: list[ShardJob], workers: int
 ) -> Generator[Result, None, None]:
     context = multiprocessing.get_context("spawn")  # a forked copy of a Vulkan device does not work
     # One executor a process, so that an instance's shards go to the process that has made its mesh already.
     executors = [
-        ProcessPoolExecutor(1, mp_context=context, initializer=_start_worker, initargs=(config, directory, on_error))
+        ProcessPoolExecutor(1, mp_context=context, initializer=_start_worker, initargs=of_process)
         for _ in range(workers)
     ]
     groups = [deque(group) for _, group in groupby(jobs, key=lambda job: job.members)]
@@ -163,31 +173,40 @@ def _submit_next(
         running[executors[lane].submit(_make_in_worker, lanes[lane].popleft())] = lane
 
 
-def open_scenario(config: CaptureConfig) -> Scenario:
-    """What captures objects as `config` says, in this process."""
+def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> Scenario:
+    """What captures objects as `config` says, in this process; frames_at_once as in `generate`."""
     # Imported here, as they load Vulkan: in the process that renders only.
-    if config.scenario == "tabletop":
-        from pecgrasp_env.capture.tabletop import TabletopScenario
-
-        return TabletopScenario(config)
     if config.scenario == "surface":
         from pecgrasp_env.capture.surface import SurfaceScenario
 
         return SurfaceScenario(config)
+    from pecgrasp_env.capture.studio import DepthStudio, Studio, gpu_draws
+
+    open_studio: Callable[[float], Studio] = DepthStudio
+    if frames_at_once is None:
+        frames_at_once = _GPU_FRAMES if gpu_draws() else 1
+    if frames_at_once > 1:
+        from pecgrasp_env.capture.batch import BatchStudio
+
+        open_studio = partial(BatchStudio, cameras=config.intrinsics, at_once=frames_at_once)
+    if config.scenario == "tabletop":
+        from pecgrasp_env.capture.tabletop import TabletopScenario
+
+        return TabletopScenario(config, open_studio)
     from pecgrasp_env.capture.free import FreeScenario
 
-    return FreeScenario(config)
+    return FreeScenario(config, open_studio)
 
 
 class _Photographer:
     """Makes shards in one process, one scene for all of them."""
 
-    def __init__(self, config: CaptureConfig, directory: Path, on_error: str) -> None:
+    def __init__(self, config: CaptureConfig, directory: Path, on_error: str, frames_at_once: int | None) -> None:
         self._config = config
         self._directory = directory
         self._on_error = on_error
         self._source = open_source(config)
-        self._scenario = open_scenario(config)
+        self._scenario = open_scenario(config, frames_at_once)
 
     def make(self, job: ShardJob) -> Result:
         """Capture the samples of `job` and write its shard.
@@ -222,11 +241,11 @@ class _Photographer:
 _photographer: _Photographer | None = None
 
 
-def _start_worker(config: CaptureConfig, directory: Path, on_error: str) -> None:
+def _start_worker(config: CaptureConfig, directory: Path, on_error: str, frames_at_once: int | None) -> None:
     global _photographer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process: the parent ends the work
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _photographer = _Photographer(config, directory, on_error)
+    _photographer = _Photographer(config, directory, on_error, frames_at_once)
 
 
 def _end_with_parent() -> None:

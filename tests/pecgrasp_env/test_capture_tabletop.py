@@ -15,7 +15,9 @@ from grasping import Segmenter
 from pec.shards import read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
 from pecgrasp_env.capture.samples import Subject
-from pecgrasp_env.capture.tabletop import TabletopScenario, background_depth, resting_poses
+from pecgrasp_env.capture.studio import DepthStudio, Shot
+from pecgrasp_env.capture.table import Table, background_depth, compose
+from pecgrasp_env.capture.tabletop import TabletopScenario, resting_poses
 from pecgrasp_env.objects import LARS_CLASSES, ObjectModel, Part, make_object
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor import D435
@@ -41,6 +43,13 @@ def contents(directory: Path) -> dict[str, str]:
     return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+def pictured(studio: DepthStudio, poses: list[np.ndarray], T_base_camera: np.ndarray) -> Table:
+    """The objects that the studio shows, at T_camera_object each, on the table."""
+    camera = D435["424x240"]
+    shots = [Shot(i, pose, camera, studio.extent(i, pose, camera)) for i, pose in enumerate(poses)]
+    return compose(shots, studio.photograph_all(shots), T_base_camera, camera)
+
+
 def test_a_frame_is_what_the_environments_wrist_camera_sees():
     env = gym.make(
         "SelectiveGrasp-v1",
@@ -53,9 +62,8 @@ def test_a_frame_is_what_the_environments_wrist_camera_sees():
     )
     env.reset(seed=3)
     task = env.unwrapped
-    scenario = TabletopScenario(TABLE)
-    models = task.models[0]
-    scenario._studio.show(models)
+    studio = DepthStudio(0.45)
+    studio.show(task.models[0])
     for posture in look_postures():
         q = task.agent.robot.get_qpos().clone()
         q[0, :6] = torch.tensor(posture)
@@ -67,7 +75,7 @@ def test_a_frame_is_what_the_environments_wrist_camera_sees():
         poses = [
             np.linalg.inv(T) @ actor.pose.to_transformation_matrix()[0].numpy().astype(float) for actor in task.objects
         ]
-        table = scenario.compose(poses, T, D435["424x240"])
+        table = pictured(studio, poses, T)
         # Silhouettes may fall to the other side by a pixel; that the picture shows a floor beside the table, too.
         assert np.mean(np.abs(table.depth - seen) < 2e-4) > 0.998
         for i, actor in enumerate(task.objects):
@@ -155,7 +163,8 @@ def test_mixed_cut_outs_are_dropped_and_counted_or_marked():
         scenario._studio.show([subject.model for subject in pair])
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("pecgrasp_env.capture.tabletop.arrange", lambda *_: poses)
-            return scenario._frame([s.model for s in pair], pair, 0, reasons, Counter()), reasons
+            frame = next(scenario._frames([subject.model for subject in pair], "first", "key"))
+        return scenario._cut(*frame, pair, reasons, Counter()), reasons
 
     samples, reasons = touching(TABLE)
     assert not samples
@@ -167,8 +176,8 @@ def test_mixed_cut_outs_are_dropped_and_counted_or_marked():
 
 def test_what_others_hide_is_measured_and_rejected():
     tall, low = block(0.05, 0.14, 0.20, "tall"), block(0.05, 0.06, 0.03, "low")
-    scenario = TabletopScenario(TABLE)
-    scenario._studio.show([tall, low])
+    studio = DepthStudio(0.45)
+    studio.show([tall, low])
     eye = np.eye(4)
     eye[:3, :3] = np.array([[0, -0.6, 0.8], [-1.0, 0, 0], [0, -0.8, -0.6]])  # looks along +x and down
     eye[:3, 3] = -0.1, 0.0, 0.5
@@ -179,14 +188,14 @@ def test_what_others_hide_is_measured_and_rejected():
             T = np.eye(4)
             T[:3, 3] = x, 0.0, z
             poses.append(np.linalg.inv(eye) @ T)
-        return scenario.compose(poses, eye, D435["424x240"]).occlusion
+        return pictured(studio, poses, eye).occlusion
 
     assert hidden(0.02) == pytest.approx([0, 1], abs=0.05)
     assert hidden(0.5)[1] == 0
     shares = [hidden(gap)[1] for gap in np.linspace(0.02, 0.3, 12)]
     assert shares == sorted(shares, reverse=True)
     assert any(0.2 < share < 0.8 for share in shares)
-    assert scenario._reason(0.6, None) == "hidden"
+    assert TabletopScenario(TABLE)._reason(0.6, None) == "hidden"
 
 
 def test_an_object_that_the_segmenter_never_finds_is_given_up_with_the_reasons():
