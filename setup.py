@@ -1,4 +1,4 @@
-"""The one thing that pyproject.toml cannot say: how to compile the planner's kernels, and that they may be left out."""
+"""The one thing that pyproject.toml cannot say: how to compile the kernels, and that they may be left out."""
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
@@ -15,16 +15,20 @@ class BuildKernels(build_ext):
         super().build_extensions()
 
 
-SOURCES = ["_kernels.c", "_sort.c", "_views.c", "_scan.c", "_contacts.c", "_ranking.c", "_survey.c"]
+SOURCES = {
+    "grasping": ["_kernels.c", "_sort.c", "_views.c", "_scan.c", "_contacts.c", "_ranking.c", "_survey.c"],
+    "pec": ["_kernels.c", "_sampling.c", "_ordering.c"],
+}
 
 setup(
     cmdclass={"build_ext": BuildKernels},
     ext_modules=[
         Extension(
-            "grasping._kernels",
-            [f"grasping/{name}" for name in SOURCES],
-            depends=["grasping/_kernels.h"],
-            optional=True,  # without a compiler the package still installs, and plans with NumPy alone
+            f"{package}._kernels",
+            [f"{package}/{name}" for name in names],
+            depends=[f"{package}/_kernels.h"],
+            optional=True,  # without a compiler the package still installs, and does the same without them
         )
+        for package, names in SOURCES.items()
     ],
 )

@@ -12,13 +12,14 @@ import torch
 
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.errors import CheckpointError, CloudError, ConfigError
-from pec.evaluation import predict_log_probabilities
 from pec.models import fast_forward
 from pec.threads import torch_threads
 
 __all__ = ["UNKNOWN", "Classifier", "Prediction"]
 
 UNKNOWN = "unknown"
+
+_TOGETHER = 128  # clouds in one forward: bounds memory, changes no result
 
 
 @dataclass(frozen=True)
@@ -87,32 +88,34 @@ class Classifier:
         fewer than `n_points` points; in a list it names which one.
         """
         if isinstance(points, np.ndarray):
-            return self._predict([self._sample(points)])[0]
-        samples = []
-        for index, cloud in enumerate(points):
-            try:
-                samples.append(self._sample(cloud))
-            except CloudError as error:
-                raise CloudError(f"cloud {index}: {error}") from error
-        return self._predict(samples) if samples else []
+            return self._predict([self._views(points)])[0]
+        predictions: list[Prediction] = []
+        for begin in range(0, len(points), _TOGETHER):
+            views = []
+            for index, cloud in enumerate(points[begin : begin + _TOGETHER], begin):
+                try:
+                    views.append(self._views(cloud))
+                except CloudError as error:
+                    raise CloudError(f"cloud {index}: {error}") from error
+            predictions += self._predict(views)
+        return predictions
 
-    def _sample(self, points: np.ndarray) -> np.ndarray:
-        return self._checkpoint.preprocess.sample(points, np.random.default_rng(self._seed))
+    def _views(self, points: np.ndarray) -> np.ndarray:
+        preprocess = self._checkpoint.preprocess
+        return preprocess.views(preprocess.sample(points, np.random.default_rng(self._seed)))
 
-    def _predict(self, samples: list[np.ndarray]) -> list[Prediction]:
-        lengths = np.array([len(sample) for sample in samples])
-        padded = np.zeros((len(samples), lengths.max(), 3), np.float32)
-        for row, sample in zip(padded, samples, strict=True):
-            row[: len(sample)] = sample
-        candidates = torch.from_numpy(padded)
-        valid = torch.from_numpy(np.arange(lengths.max()) < lengths[:, None])
+    def _predict(self, views: list[np.ndarray]) -> list[Prediction]:
+        """Of each cloud's inputs (V, n_points, 3)."""
         checkpoint = self._checkpoint
-        with torch_threads(1):
-            log_probabilities = predict_log_probabilities(self._model, checkpoint.preprocess, candidates, valid)
+        with torch_threads(1), torch.no_grad():
+            # All at once: of a few clouds, the time goes into reading the weights, not into their products.
+            logits = self._model(torch.from_numpy(np.concatenate(views))).view(len(views), len(views[0]), -1)
+            # As `pec.evaluation.average_views`; in double, so that what a high temperature lifts has not become 0.
+            logits = logits.double().softmax(dim=2).mean(dim=1).log()
+            probabilities = (logits / checkpoint.temperature).softmax(dim=1).tolist()
         predictions = []
-        for row in (log_probabilities / checkpoint.temperature).softmax(dim=1).tolist():
-            best = max(range(len(row)), key=row.__getitem__)
-            probabilities = dict(zip(checkpoint.classes, row, strict=True))
-            label = checkpoint.classes[best] if row[best] >= checkpoint.unknown_below else UNKNOWN
-            predictions.append(Prediction(label, row[best], probabilities))
+        for row in probabilities:
+            confidence = max(row)
+            label = checkpoint.classes[row.index(confidence)] if confidence >= checkpoint.unknown_below else UNKNOWN
+            predictions.append(Prediction(label, confidence, dict(zip(checkpoint.classes, row, strict=True))))
         return predictions

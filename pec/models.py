@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import nn
 
+from pec.folded import fold
 from pec.fused import FusedPEC
 from pec.network import PEC
 from pec.pec2 import PEC2
@@ -33,4 +34,6 @@ def build_model(name: str, n_points: int, n_classes: int) -> nn.Module:
 
 def fast_forward(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
     """The same function on the CPU, in evaluation and without gradients, by the quickest means that there are."""
-    return FusedPEC(model) if isinstance(model, PEC) else model.eval()
+    if isinstance(model, PEC):
+        return FusedPEC(model)
+    return fold(model) if isinstance(model, PEC2) else model.eval()

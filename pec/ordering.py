@@ -14,24 +14,31 @@ def group_order(points: torch.Tensor, group_size: int) -> torch.Tensor:
     """The published grouping: indices (B, n) into `points` (B, n, 3), which are centred; group_size divides n.
 
     Seed = first remaining point; it and its nearest remaining ones, nearest first, form a group of `group_size`;
-    repeat. The groups are then sorted by the distance of their centroid to the origin.
+    repeat. The groups are then sorted by the distance of their centroid to the origin. Of equally near ones the first.
     """
     batch, n, _ = points.shape
     taken = torch.zeros(batch, n, dtype=torch.bool, device=points.device)
     priority = torch.arange(n, 0, -1, device=points.device)
-    groups = []
+    groups, centroids = [], []
     for _ in range(n // group_size):
         seed = (priority * ~taken).argmax(dim=1)
-        squared = (points - points[torch.arange(batch, device=points.device), seed, None]).square().sum(dim=2)
-        members = squared.masked_fill(taken, torch.inf).topk(group_size, dim=1, largest=False).indices
+        squared = _squared_length(points - points[torch.arange(batch, device=points.device), seed, None])
+        members = squared.masked_fill(taken, torch.inf).argsort(dim=1, stable=True)[:, :group_size]
         taken.scatter_(1, members, True)
         groups.append(members)
+        # One by one: a sum's last bit depends on the order, which torch leaves open, and ties of groups on that bit.
+        centroid = torch.zeros_like(points[:, 0])
+        for member in points.gather(1, members[..., None].expand(-1, -1, 3)).unbind(1):
+            centroid = centroid + member
+        centroids.append(centroid / group_size)
     order = torch.stack(groups, dim=1)
-    centroids = (
-        points.gather(1, order.flatten(1)[..., None].expand(-1, -1, 3)).unflatten(1, order.shape[1:]).mean(dim=2)
-    )
-    by_distance = centroids.norm(dim=2).argsort(dim=1, stable=True)
+    by_distance = _squared_length(torch.stack(centroids, dim=1)).argsort(dim=1, stable=True)
     return order.gather(1, by_distance[..., None].expand_as(order)).flatten(1)
+
+
+def _squared_length(vectors: torch.Tensor) -> torch.Tensor:
+    x, y, z = vectors.square().unbind(-1)
+    return x + y + z
 
 
 @lru_cache(maxsize=8)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import torch
 
-__all__ = ["principal_pose"]
+__all__ = ["FLIPS", "principal_pose"]
 
 # The proper rotations that only flip axes: what is left open where the third moments do not settle the signs.
-_FLIPS = ((1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0))
+FLIPS = ((1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0))
 
 
 def principal_pose(points: torch.Tensor, valid: torch.Tensor, view: torch.Tensor | None = None) -> torch.Tensor:
@@ -27,5 +27,5 @@ def principal_pose(points: torch.Tensor, valid: torch.Tensor, view: torch.Tensor
     handedness = torch.linalg.det(axes) * sign[:, 0] * sign[:, 1]
     sign = torch.stack([sign[:, 0], sign[:, 1], handedness.sign()], dim=1)
     if view is not None:
-        sign = sign * torch.tensor(_FLIPS).to(points)[view]
+        sign = sign * torch.tensor(FLIPS).to(points)[view]
     return centred @ (axes * sign[:, None])

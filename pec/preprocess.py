@@ -4,7 +4,10 @@ Two steps, because the first is slow and needs the raw cloud, and the second is 
 
 1. `Preprocess.sample`: centre, then at most `n_candidates` points, by farthest point sampling (FPS) or by chance
    (NumPy, one cloud).
-2. `Preprocess.arrange`: pose, then ordering, to exactly `n_points` points (torch, a batch).
+2. `Preprocess.arrange`: pose, then ordering, to exactly `n_points` points (torch, a batch). `Preprocess.views` is the
+   same of one cloud in all its poses, for prediction.
+
+Both are quick by compiled kernels where this installation has them (`pec.kernels`); what is here is their reference.
 
 Published (the dissertation's): n_candidates = n_points, pose "given", ordering "groups" (or "none").
 Canonical (ours): turn the cloud to its principal axes and let each of n fixed positions take its nearest candidate.
@@ -19,20 +22,27 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from pec import kernels
 from pec.errors import CloudError, ConfigError
-from pec.ordering import anchor_positions, group_order, nearest_candidates
-from pec.pose import principal_pose
+from pec.ordering import anchor_positions, group_order, nearest_candidates, spread
+from pec.pose import FLIPS, principal_pose
 
-__all__ = ["Preprocess", "check_cloud", "farthest_point_sampling"]
+__all__ = ["Preprocess", "check_cloud", "farthest_point_sampling", "farthest_points"]
 
 ORDERINGS = ("none", "groups", "anchors")
 POSES = ("given", "principal", "upright")
 # The given cloud and its mirror images in the vertical planes: as likely where front and back or left and right are.
 _MIRRORS = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0))
+# By pose, what a cloud's coordinates are multiplied by in each of its views.
+_SIGNS = {
+    "given": np.ones((1, 3), np.float32),
+    "principal": np.array(FLIPS, np.float32),
+    "upright": np.array(_MIRRORS, np.float32),
+}
 
 
 def check_cloud(points: np.ndarray, n_points: int) -> np.ndarray:
-    """`points` as a finite (N, 3) array with N ≥ n_points.
+    """`points` as an (N, 3) array of floats with N ≥ n_points, finite or not.
 
     Raises CloudError that says what is wrong otherwise.
     """
@@ -41,12 +51,31 @@ def check_cloud(points: np.ndarray, n_points: int) -> np.ndarray:
         raise CloudError(f"a cloud must have shape (N, 3), got {points.shape}")
     if not np.issubdtype(points.dtype, np.floating):
         raise CloudError(f"a cloud must hold floats (metres), got {points.dtype}")
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        raise CloudError(f"{np.count_nonzero(~finite)} of {len(points)} points are not finite; drop them first")
     if len(points) < n_points:
         raise CloudError(f"the network takes {n_points} points, the cloud has only {len(points)}")
     return points
+
+
+def _centred(points: np.ndarray) -> np.ndarray:
+    """(N, 3) float32 about the centroid. Raises CloudError where points are not finite."""
+    if not np.isfinite(points).all():
+        bad = np.count_nonzero(~np.isfinite(points).all(axis=1))
+        raise CloudError(f"{bad} of {len(points)} points are not finite; drop them first")
+    # Contiguous, since a sum depends on its order to the last bit, and NumPy's order on the layout.
+    points = np.ascontiguousarray(points)
+    return (points - points.mean(axis=0, dtype=np.float64)).astype(np.float32)
+
+
+def farthest_points(points: np.ndarray, n: int, start: int | None) -> np.ndarray:
+    """Points (n, 3) float32 about the centroid of all, by farthest point sampling of `points` (N, 3), N ≥ n.
+
+    start: index of the first point; None for the one farthest from the centroid.
+    Raises CloudError where points are not finite.
+    """
+    centred = _centred(points)
+    if start is None:
+        start = int((centred**2).sum(axis=1).argmax())
+    return centred[farthest_point_sampling(centred, n, start)]
 
 
 def farthest_point_sampling(points: np.ndarray, n: int, start: int) -> np.ndarray:
@@ -84,6 +113,7 @@ class Preprocess:
     mirrored in x, in y and in both: four views).
     ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions).
     anchor_unit: what the fixed positions are measured in, the cloud's spread along each "axis" or of the whole "cloud".
+    size: "kept" in metres (published: it tells classes apart), or "unit": divided by the cloud's spread.
     """
 
     n_points: int = 64
@@ -94,6 +124,7 @@ class Preprocess:
     ordering: str = "groups"
     group_size: int = 16
     anchor_unit: str = "axis"
+    size: str = "kept"
 
     def __post_init__(self) -> None:
         if self.ordering not in ORDERINGS:
@@ -110,6 +141,8 @@ class Preprocess:
             raise ConfigError(f"preprocess.n_candidates {self.n_candidates} is less than n_points {self.n_points}")
         if self.anchor_unit not in ("axis", "cloud"):
             raise ConfigError(f"preprocess.anchor_unit must be 'axis' or 'cloud', got {self.anchor_unit!r}")
+        if self.size not in ("kept", "unit"):
+            raise ConfigError(f"preprocess.size must be 'kept' or 'unit', got {self.size!r}")
         if self.ordering != "anchors" and self.n_candidates != self.n_points:
             raise ConfigError(
                 f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
@@ -128,12 +161,15 @@ class Preprocess:
         Raises CloudError where the cloud is not finite (N, 3) with N ≥ n_points.
         """
         points = check_cloud(points, self.n_points)
-        centred = (points - points.mean(axis=0, dtype=np.float64)).astype(np.float32)
-        n = min(self.n_candidates, len(centred))
+        n = min(self.n_candidates, len(points))
         if self.sampling == "random":
+            centred = _centred(points)
             return centred if n == len(centred) else centred[rng.choice(len(centred), n, replace=False)]
-        start = int(rng.integers(len(centred))) if self.start == "random" else int((centred**2).sum(axis=1).argmax())
-        return centred[farthest_point_sampling(centred, n, start)]
+        start = int(rng.integers(len(points))) if self.start == "random" else None
+        sampled = None
+        if kernels.AVAILABLE and points.dtype in (np.float32, np.float64):
+            sampled = kernels.farthest_points(points, n, start)
+        return farthest_points(points, n, start) if sampled is None else sampled
 
     def arrange(self, candidates: torch.Tensor, valid: torch.Tensor, view: torch.Tensor | None = None) -> torch.Tensor:
         """The network's input (B, n_points, 3).
@@ -141,6 +177,8 @@ class Preprocess:
         candidates (B, K, 3) centred metres; valid (B, K) bool, at least one a row; view (B,) int in [0, n_views):
         which of the equally valid poses, 0 where not given.
         """
+        if self.size == "unit":
+            candidates = candidates / spread(candidates, valid)[:, None, None].clamp_min(1e-9)
         if self.ordering == "none":
             return candidates
         if self.ordering == "groups":
@@ -149,7 +187,29 @@ class Preprocess:
             if self.pose == "principal":
                 candidates = principal_pose(candidates, valid, view)
             elif self.pose == "upright" and view is not None:
-                candidates = candidates * torch.tensor(_MIRRORS).to(candidates)[view, None]
+                candidates = candidates * torch.from_numpy(_SIGNS["upright"]).to(candidates)[view, None]
             anchors = anchor_positions(self.n_points).to(candidates)
             order = nearest_candidates(candidates, valid, anchors, each_axis=self.anchor_unit == "axis")
         return candidates.gather(1, order[..., None].expand(-1, -1, 3))
+
+    def views(self, candidates: np.ndarray) -> np.ndarray:
+        """The network's inputs (n_views, n_points, 3) float32, of one cloud's centred candidates (K, 3) float32.
+
+        As `arrange` gives them in each of the equally valid poses, but for rounding; the poses come in any order.
+        """
+        if self.size == "unit":
+            everything = torch.ones(1, len(candidates), dtype=torch.bool)
+            candidates = candidates / max(spread(torch.from_numpy(candidates)[None], everything).item(), 1e-9)
+        if kernels.AVAILABLE and self.ordering == "groups":
+            return candidates[kernels.group_order(candidates, self.group_size)][None]
+        if kernels.AVAILABLE and self.ordering == "anchors":
+            return kernels.arranged(
+                candidates,
+                anchor_positions(self.n_points).numpy(),
+                _SIGNS[self.pose],
+                principal=self.pose == "principal",
+                each_axis=self.anchor_unit == "axis",
+            )
+        copies = torch.from_numpy(candidates).expand(self.n_views, -1, -1)
+        valid = torch.ones(copies.shape[:2], dtype=torch.bool)
+        return self.arrange(copies, valid, torch.arange(self.n_views)).numpy()

@@ -48,25 +48,25 @@ has_headers() {
     .venv/bin/python -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_paths()["include"] + "/Python.h"))'
 }
 
-# The planner's kernels are compiled where they can be; where not, it plans the same with NumPy alone.
+# The kernels are compiled where they can be; where not, NumPy and torch do the same without them.
 find_compiler() {
     local missing=()
     command -v gcc >/dev/null || missing+=(gcc libc6-dev)
     has_headers || missing+=("$(.venv/bin/python -c 'import sys; print("python%d.%d-dev" % sys.version_info[:2])')")
     if [ ${#missing[@]} = 0 ]; then return; fi
     if is_root && has_apt; then
-        (apt_install "the planner's kernels cannot be compiled yet" "${missing[@]}") || say "that failed"
+        (apt_install "the kernels cannot be compiled yet" "${missing[@]}") || say "that failed"
     else
-        say "the planner's kernels cannot be compiled without ${missing[*]}"
+        say "the kernels cannot be compiled without ${missing[*]}"
     fi
 }
 
 # Built from other sources, kernels may not be those that the planner takes them for.
-forget_kernels() { rm -f grasping/_kernels.*.so; }
+forget_kernels() { rm -f grasping/_kernels.*.so pec/_kernels.*.so; }
 
 say_without_kernels() {
-    .venv/bin/python -c 'import sys, grasping; sys.exit(not grasping.compiled)' ||
-        say "the planner does without its compiled kernels: they could not be built"
+    .venv/bin/python -c 'import sys, grasping, pec; sys.exit(not (grasping.compiled and pec.compiled))' ||
+        say "planner or classifier do without their compiled kernels: they could not be built"
 }
 
 install_packages() {
@@ -103,7 +103,7 @@ install_opencv_libraries() {
 }
 
 # What the environment and the kernels in it were made from; a change makes them anew.
-kernels() { echo "$(cat setup.py grasping/_*.[ch] | sha256sum | cut -c1-16) $(command -v gcc)"; }
+kernels() { echo "$(cat setup.py grasping/_*.[ch] pec/_*.[ch] | sha256sum | cut -c1-16) $(command -v gcc)"; }
 wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
 if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     [ -x .venv/bin/python ] && .venv/bin/python -m pip --version >/dev/null 2>&1 || make_venv
@@ -114,7 +114,7 @@ if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     kernels >.venv/.pecgrasp_kernels
     say_without_kernels
 elif [ "$(cat .venv/.pecgrasp_kernels 2>/dev/null)" != "$(kernels)" ]; then
-    say "the planner's kernels, whose sources or compiler changed"
+    say "the kernels, whose sources or compiler changed"
     find_compiler
     forget_kernels
     # Without a network pip fails: the next run tries again.
