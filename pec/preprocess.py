@@ -24,7 +24,7 @@ import torch
 
 from pec import kernels
 from pec.errors import CloudError, ConfigError
-from pec.ordering import anchor_positions, group_order, nearest_candidates, spread
+from pec.ordering import anchor_positions, group_order, nearest_candidates
 from pec.pose import FLIPS, principal_pose
 
 __all__ = ["Preprocess", "check_cloud", "farthest_point_sampling", "farthest_points"]
@@ -100,6 +100,12 @@ def farthest_point_sampling(points: np.ndarray, n: int, start: int) -> np.ndarra
         np.minimum(squared, distance, out=squared)
         index = int(squared.argmax())
     return indices
+
+
+def _of_unit_spread(points: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
+    """`points` (B, K, 3) divided by the root mean square of the valid ones' distances from the centroid."""
+    squared = (points.square().sum(dim=2) * valid).sum(dim=1) / valid.sum(dim=1)
+    return points / squared.sqrt().clamp_min(1e-9)[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -178,7 +184,7 @@ class Preprocess:
         which of the equally valid poses, 0 where not given.
         """
         if self.size == "unit":
-            candidates = candidates / spread(candidates, valid)[:, None, None].clamp_min(1e-9)
+            candidates = _of_unit_spread(candidates, valid)
         if self.ordering == "none":
             return candidates
         if self.ordering == "groups":
@@ -198,8 +204,8 @@ class Preprocess:
         As `arrange` gives them in each of the equally valid poses, but for rounding; the poses come in any order.
         """
         if self.size == "unit":
-            everything = torch.ones(1, len(candidates), dtype=torch.bool)
-            candidates = candidates / max(spread(torch.from_numpy(candidates)[None], everything).item(), 1e-9)
+            every = torch.ones(1, len(candidates), dtype=torch.bool)
+            candidates = _of_unit_spread(torch.from_numpy(candidates)[None], every)[0].numpy()
         if kernels.AVAILABLE and self.ordering == "groups":
             return candidates[kernels.group_order(candidates, self.group_size)][None]
         if kernels.AVAILABLE and self.ordering == "anchors":

@@ -1,5 +1,7 @@
 """Sampling and ordering: known answers, agreement with plain references, and errors that say what is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -205,3 +207,27 @@ def test_views_of_an_upright_cloud_are_its_mirror_images():
     for view, signs in enumerate([(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1)]):
         mirrored = points * torch.tensor(signs)
         assert preprocess.arrange(points, valid, torch.tensor([view])).equal(preprocess.arrange(mirrored, valid))
+
+
+@pytest.mark.parametrize("preprocess", [Preprocess(size="unit"), replace(CANONICAL, size="unit")])
+def test_of_unit_size_a_cloud_is_the_same_at_every_scale_and_by_either_path(preprocess):
+    cloud = _lopsided(np.random.default_rng(0))
+    inputs = []
+    for scale in (1, 50):
+        sample = preprocess.sample(scale * cloud, np.random.default_rng(1))
+        inputs.append(preprocess.arrange(torch.from_numpy(sample)[None], torch.ones(1, len(sample), dtype=torch.bool)))
+        views = preprocess.views(sample)
+        assert np.abs(views - inputs[0].numpy()).max(axis=(1, 2)).min() < 1e-4
+    assert torch.allclose(*inputs, atol=1e-4)
+    spread = np.sqrt((sample**2).sum(axis=1).mean())
+    kept = replace(preprocess, size="kept").views(sample)
+    assert np.allclose(kept, spread * views, atol=1e-3 * spread)
+
+
+def test_unit_size_is_measured_on_what_is_valid():
+    points = torch.tensor([[[2.0, 0, 0], [-2.0, 0, 0], [9.0, 9, 9]]])
+    valid = torch.tensor([[True, True, False]])
+    unit = Preprocess(n_points=2, n_candidates=3, pose="given", ordering="anchors", size="unit")
+    assert set(unit.arrange(points, valid)[0, :, 0].tolist()) <= {1.0, -1.0}
+    with pytest.raises(ConfigError, match=r"preprocess\.size must be 'kept' or 'unit', got 'big'"):
+        Preprocess(size="big")
