@@ -106,12 +106,19 @@ class View:
 def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
     """(…,) bool: points (…, 3) of the camera frame that may lie on the gripper itself."""
     T_gripper_camera = np.linalg.inv(T_TOOL0_GRIPPER) @ T_TOOL0_CAMERA
-    p = points_camera @ T_gripper_camera[:3, :3].T + T_gripper_camera[:3, 3]
+    R, t = T_gripper_camera[:3, :3], T_gripper_camera[:3, 3]
     hand = ROBOTIQ_2F_140
     tip = hand.pad_depth(opening) + hand.pad_length / 2 + _GRIPPER_MARGIN_M
     half_hinge = max(hand.finger_width / 2, 0.04) + _GRIPPER_MARGIN_M  # the palm is a can of 40 mm radius
     half_closing = max(opening / 2 + 0.03, 0.06) + _GRIPPER_MARGIN_M
-    return (np.abs(p[..., 0]) < half_hinge) & (np.abs(p[..., 1]) < half_closing) & (p[..., 2] > 0) & (p[..., 2] < tip)
+    low, high = np.array([-half_hinge, -half_closing, 0.0]), np.array([half_hinge, half_closing, tip])
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
+    depths = ((corners - t) @ R)[:, 2]
+    # Most of a picture lies behind the whole gripper: its depth alone says so.
+    mask = (points_camera[..., 2] > depths.min() - 1e-6) & (points_camera[..., 2] < depths.max() + 1e-6)
+    p = points_camera[mask] @ R.T + t
+    mask[mask] = ((p > low) & (p < high)).all(axis=-1)
+    return mask
 
 
 def cut_out(percept: Percept, segmenter: Segmenter) -> Scene:

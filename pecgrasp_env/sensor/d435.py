@@ -206,12 +206,15 @@ def _drop_grazing(
 
 def _gentler_slope(disparity: np.ndarray, axis: int) -> np.ndarray:
     """Difference to the neighbour on the side where it is smaller: an edge beside a surface is no slope of it."""
-    step = np.diff(disparity, axis=axis)
     every: tuple[slice, ...] = (slice(None),) * axis
-    first, last = (*every, slice(0, 1)), (*every, slice(-1, None))
-    backward = np.concatenate([step[first], step], axis=axis)
-    forward = np.concatenate([step, step[last]], axis=axis)
-    return np.where(np.abs(backward) < np.abs(forward), backward, forward)
+    first, last = (*every, slice(None, -1)), (*every, slice(1, None))
+    step = np.diff(disparity, axis=axis)
+    steepness = np.abs(step)
+    gentler = np.empty_like(disparity)
+    inner = (*every, slice(1, -1))
+    gentler[inner] = np.where(steepness[first] < steepness[last], step[first], step[last])
+    gentler[(*every, 0)], gentler[(*every, -1)] = step[(*every, 0)], step[(*every, -1)]
+    return gentler
 
 
 def _drop_patches(hole: np.ndarray, intrinsics: CameraIntrinsics, rng: np.random.Generator, params: D435Noise) -> None:
