@@ -1,4 +1,5 @@
-"""Labelled clouds a second, beside one ManiSkill environment stepped for each cloud, and where the time goes.
+"""Labelled clouds a second, beside one ManiSkill environment of as many pixels stepped for each cloud, and where the
+time goes.
 
 The rate is that of a whole `generate`, files included, from its first shard to its last: processes start but once. The
 floor is the rasteriser alone: the pictures that one process draws and reads back of the same objects in the same poses.
@@ -48,19 +49,24 @@ def generation(settings: Mapping[str, Any]) -> list[Row]:
             # Several shards an instance: the first to arrive starts the clock, the last stops it.
             shard_size=max(1, per_instance // 4) * (3 if scenario == "tabletop" else 1),
         )
+    stepped = {
+        f"PickCube-v1 pointcloud {resolution}": _stepped_clouds(settings, resolution)
+        for resolution in dict.fromkeys(config.resolutions[0] for config in cases.values())
+    }
     seconds: dict[tuple[str, str], list[float]] = {}
-    stepped = _stepped_clouds(settings)
     for _ in range(settings["generation_repeats"]):
         for case, config in cases.items():
             for workers in settings["workers"]:
                 name = f"{workers} worker{'s' if workers > 1 else ''}"
                 seconds.setdefault((case, name), []).append(_seconds_a_cloud(config, workers))
-        seconds.setdefault(("PickCube-v1 pointcloud 424x240", _STEPPED), []).append(stepped())
+        for case, step in stepped.items():
+            seconds.setdefault((case, _STEPPED), []).append(step())
+    times = {key: Timing(float(np.median(each)), float("nan")) for key, each in seconds.items()}
     rows = []
-    yardstick = Timing(float(np.median(seconds["PickCube-v1 pointcloud 424x240", _STEPPED])), float("nan"))
-    for (case, name), each in seconds.items():
-        times = {_STEPPED: yardstick, name: Timing(float(np.median(each)), float("nan"))}
-        row = rows_of(times, _STEPPED, case, rate="clouds/s")[-1]
+    for (case, name), timing in times.items():
+        # The ratio is to ManiSkill with as many pixels.
+        yardstick = times[f"PickCube-v1 pointcloud {case.split()[-1]}", _STEPPED]
+        row = rows_of({_STEPPED: yardstick, name: timing}, _STEPPED, case, rate="clouds/s")[-1]
         least = settings["generate_at_least"].get(case)
         rows.append(row | ({"at_least": least} if least and name != "1 worker" else {}))
     for case, config in cases.items():
@@ -171,8 +177,8 @@ def _resident_mb() -> float:
     return next((int(line.split()[1]) / 1000 for line in lines if line.startswith("VmRSS:")), 0.0)
 
 
-def _stepped_clouds(settings: Mapping[str, Any]) -> Callable[[], float]:
-    """Seconds a cloud of the obvious generator: ManiSkill's own PickCube-v1 with the same camera, one step a cloud."""
+def _stepped_clouds(settings: Mapping[str, Any], resolution: str) -> Callable[[], float]:
+    """Seconds a cloud of the obvious generator: ManiSkill's own PickCube-v1 with as many pixels, one step a cloud."""
     import gymnasium as gym
     import mani_skill.envs
 
@@ -182,7 +188,7 @@ def _stepped_clouds(settings: Mapping[str, Any]) -> Callable[[], float]:
         obs_mode="pointcloud",
         sim_backend="physx_cpu",
         render_backend="cpu",
-        sensor_configs={"width": 424, "height": 240},
+        sensor_configs=dict(zip(("width", "height"), map(int, resolution.split("x")), strict=True)),
     )
     env.reset(seed=settings["seed"])
     action = np.zeros(env.action_space.shape, np.float32)

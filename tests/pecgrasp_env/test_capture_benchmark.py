@@ -1,5 +1,7 @@
 """The benchmark of generation: every case beside its target and the yardstick, the floor, the growth of memory."""
 
+import pytest
+
 from pecgrasp_env.benchmark import run_benchmark
 
 
@@ -21,7 +23,9 @@ def test_generation_is_timed_beside_the_stepped_environment_and_its_floor():
     assert rows[0]["rate"] > 0
     assert "at_least" not in rows[0]  # targets are of both cores
     assert rows[1]["name"] == "ManiSkill, a step a cloud"
+    assert rows[1]["what"] == "PickCube-v1 pointcloud 424x240"  # as many pixels as the case
     assert rows[1]["times_yardstick"] == 1
+    assert rows[0]["times_yardstick"] == pytest.approx(rows[1]["rate"] / rows[0]["rate"])
     shares = {row["name"]: row["wall_ms"] for row in rows if row["what"].endswith("one process")}
     assert set(shares) == {"rasteriser alone (the floor)", "sensor model", "the rest", "all of it"}
     assert sum(shares.values()) - shares["all of it"] <= 1.001 * shares["all of it"]
