@@ -7,14 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
+from torch import nn
 
+from pec.models import fast_forward
 from pec.preprocess import Preprocess
 
 __all__ = [
     "FALSE_REJECTIONS",
     "Scores",
+    "arrange_views",
     "expected_calibration_error",
     "fit_temperature",
+    "log_probabilities",
     "predict_log_probabilities",
     "rejection_threshold",
     "score",
@@ -38,25 +42,38 @@ class Scores:
     calibration_error: float
 
 
-@torch.no_grad()
 def predict_log_probabilities(
-    model: Callable[[torch.Tensor], torch.Tensor],
-    preprocess: Preprocess,
-    candidates: torch.Tensor,
-    valid: torch.Tensor,
+    model: nn.Module, preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor
 ) -> torch.Tensor:
     """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses."""
+    forward = fast_forward(model)
+    blocks = zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True)
+    return torch.cat([_of_block(forward, _views(preprocess, *block)) for block in blocks])
+
+
+def arrange_views(preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
+    """Inputs (B, V, n_points, 3), one a valid pose, for `log_probabilities`: for clouds that are evaluated often."""
+    blocks = zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True)
+    return torch.cat([_views(preprocess, *block) for block in blocks])
+
+
+def log_probabilities(model: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+    """As `predict_log_probabilities`, of inputs that `arrange_views` made."""
+    forward = fast_forward(model)
+    return torch.cat([_of_block(forward, block) for block in inputs.split(_BATCH)])
+
+
+def _views(preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
     n_views = preprocess.n_views
-    results = []
-    for block, block_valid in zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True):
-        if n_views == 1:
-            results.append(model(preprocess.arrange(block, block_valid)).log_softmax(dim=1))
-            continue
-        # All views in one batch: at a few clouds the time goes into reading the weights, not into their products.
-        view = torch.arange(n_views, device=block.device).repeat_interleave(len(block))
-        inputs = preprocess.arrange(block.repeat(n_views, 1, 1), block_valid.repeat(n_views, 1), view)
-        results.append(average_views(model(inputs).unflatten(0, (n_views, len(block)))))
-    return results[0] if len(results) == 1 else torch.cat(results)
+    view = torch.arange(n_views, device=candidates.device).repeat(len(candidates))
+    copies = candidates.repeat_interleave(n_views, dim=0), valid.repeat_interleave(n_views, dim=0)
+    return preprocess.arrange(*copies, view).unflatten(0, (len(candidates), n_views))
+
+
+@torch.no_grad()
+def _of_block(forward: Callable[[torch.Tensor], torch.Tensor], inputs: torch.Tensor) -> torch.Tensor:
+    logits = forward(inputs.flatten(0, 1)).unflatten(0, inputs.shape[:2])
+    return average_views(logits.transpose(0, 1))
 
 
 def average_views(logits: torch.Tensor) -> torch.Tensor:

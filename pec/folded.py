@@ -16,12 +16,12 @@ __all__ = ["fold"]
 
 
 def fold(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
-    """The same function as `model` in evaluation, but for rounding; on the CPU, no gradients.
+    """The same function as `model` in evaluation, but for rounding; on its device, no gradients.
 
     The model's batch norms follow dense layers of vectors (B, channels). A model that torch.fx cannot trace, because
     what it does depends on its input, comes back as it is.
     """
-    plain = deepcopy(model).cpu().eval()
+    plain = deepcopy(model).eval()
     try:
         traced = fx.symbolic_trace(plain)
     except (fx.proxy.TraceError, TypeError, RuntimeError):  # what a use of values that are not there yet ends in
@@ -65,7 +65,7 @@ def _as_function(node: fx.Node, module: nn.Module, traced: fx.GraphModule) -> No
     with node.graph.inserting_before(node):
         if isinstance(module, nn.Linear):
             name = str(node.target).replace(".", "_")
-            no_bias = torch.zeros(module.out_features)
+            no_bias = module.weight.new_zeros(module.out_features)
             traced.register_buffer(f"{name}_weight", module.weight.detach().T.contiguous())
             traced.register_buffer(f"{name}_bias", no_bias if module.bias is None else module.bias.detach())
             weight, bias = node.graph.get_attr(f"{name}_weight"), node.graph.get_attr(f"{name}_bias")

@@ -16,10 +16,10 @@ _NORM_EPSILON = 1e-5  # torch's default, which PEC keeps
 
 
 class FusedPEC:
-    """Callable like the `PEC` it is made of: (B, n_points, 3) → (B, n_classes) logits; on the CPU, no gradients."""
+    """Callable like the `PEC` it is made of: (B, n_points, 3) → (B, n_classes) logits; on its device, no gradients."""
 
     def __init__(self, model: PEC) -> None:
-        state = {name: tensor.detach().cpu() for name, tensor in model.state_dict().items()}
+        state = {name: tensor.detach() for name, tensor in model.state_dict().items()}
         self._first = _dense_convolution(*_folded_convolution(state, "encoder.0", "encoder.1"))
         self._encoder = [_folded_convolution(state, f"encoder.{i}", f"encoder.{i + 1}") for i in (3, 6)]
         self._bottleneck = _dense(state, "encoder.10", length=3)

@@ -33,7 +33,10 @@ def build_model(name: str, n_points: int, n_classes: int) -> nn.Module:
 
 
 def fast_forward(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
-    """The same function on the CPU, in evaluation and without gradients, by the quickest means that there are."""
+    """The same function in evaluation and without gradients, by the quickest means that there are for a CPU.
+
+    Of the weights as they are now; on their device.
+    """
     if isinstance(model, PEC):
         return FusedPEC(model)
     return fold(model) if isinstance(model, PEC2) else model.eval()
