@@ -44,7 +44,8 @@ class ProtocolConfig:
     "evaluation split" (published: the best epoch on the split that is also reported). batch_size None: full batch.
     initial_weights: torch's "default", or "scaled" to the data (`pec.initialise`). precision: of the
     products in training, "float32" or "bfloat16" (torch.autocast: faster on GPUs and on CPUs with AMX); weights keep
-    float32."""
+    float32. logit_adjustment: how far training makes up for classes of unequal number, 0 not at all, 1 as if all were
+    as many: the loss sees the logits plus that many times the log of the class's share (Menon et al., ICLR 2021)."""
 
     selection: str = "validation"
     epochs: int = 60
@@ -55,6 +56,7 @@ class ProtocolConfig:
     weight_decay: float = 0.01
     label_smoothing: float = 0.1
     precision: str = "float32"
+    logit_adjustment: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,8 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     ):
         if not 0 < share < 1:
             raise ConfigError(f"{name} must be between 0 and 1, got {share}")
+    if protocol.logit_adjustment < 0:
+        raise ConfigError(f"protocol.logit_adjustment must not be negative, got {protocol.logit_adjustment}")
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config

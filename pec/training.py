@@ -24,7 +24,7 @@ from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_trai
 from pec.clouds import CloudDataset, load_dataset
 from pec.config import DatasetConfig, TrainConfig, read_config
 from pec.errors import ConfigError, DatasetError, TrainingError
-from pec.evaluation import predict_log_probabilities, score
+from pec.evaluation import arrange_views, log_probabilities, score
 from pec.initialise import scale_initial_weights
 from pec.models import build_model
 from pec.prepared import PreparedClouds, prepare
@@ -117,6 +117,11 @@ def split(
     return training, validation, test
 
 
+def log_class_shares(labels: torch.Tensor, n_classes: int) -> torch.Tensor:
+    """(n_classes,) logarithms of each class's share of `labels` (n,) int64; an absent class counts as half a label."""
+    return (labels.bincount(minlength=n_classes).clamp_min(0.5) / len(labels)).log()
+
+
 class _Run:
     """Model, optimizer and progress of one run, kept in step with OUTPUT/last."""
 
@@ -151,6 +156,7 @@ class _Run:
             generator = torch.Generator().manual_seed(config.seed)
             index = torch.randperm(len(training), generator=generator)[:_SCALING_CLOUDS].to(self.device)
             scale_initial_weights(self.model, self._draw(training, index, generator), config.seed)
+        inputs = arrange_views(config.preprocess, selection.candidates, selection.valid)
         with Tracker(self.output / "tensorboard", self.epoch) as tracker:
             bar = tqdm(
                 range(self.epoch, self.n_epochs),
@@ -166,7 +172,7 @@ class _Run:
                     loss, accuracy, rate = self._keep(training)
                 else:
                     loss, accuracy, rate = self._epoch(epoch, training, static, batch_size, n_steps)
-                scores = score(self._predict(selection), selection.labels)
+                scores = score(log_probabilities(self.model, inputs), selection.labels)
                 # Of equally accurate epochs the surer one.
                 if (scores.accuracy, -scores.loss) > (self.best["accuracy"], -self.best["loss"]):
                     self.best = {"epoch": epoch + 1, "accuracy": scores.accuracy, "loss": scores.loss}
@@ -214,6 +220,7 @@ class _Run:
         order = torch.arange(len(training))
         if n_steps > 1:
             order = torch.randperm(len(training), generator=generator)
+        offsets = protocol.logit_adjustment * log_class_shares(training.labels, len(self.classes))
         self.model.train()
         assert self.optimizer is not None
         loss_sum, correct, rate = 0.0, 0, protocol.learning_rate
@@ -231,7 +238,7 @@ class _Run:
                 with torch.autocast(self.device.type, torch.bfloat16, enabled=protocol.precision == "bfloat16"):
                     logits = self.model(inputs)
                 logits = logits.float()
-                loss = nn.functional.cross_entropy(logits, labels, label_smoothing=protocol.label_smoothing)
+                loss = nn.functional.cross_entropy(logits + offsets, labels, label_smoothing=protocol.label_smoothing)
                 if isinstance(self.model, PointNet):
                     assert self.model.penalty is not None
                     loss = loss + self.model.penalty
@@ -265,10 +272,6 @@ class _Run:
         if progress < 0.1:
             return peak * (0.05 + 0.95 * progress / 0.1)
         return peak * (0.5 + 0.5 * math.cos(math.pi * (progress - 0.1) / 0.9))
-
-    def _predict(self, clouds: PreparedClouds) -> torch.Tensor:
-        self.model.eval()
-        return predict_log_probabilities(self.model, self.config.preprocess, clouds.candidates, clouds.valid)
 
     def _checkpoint(self, epoch: int) -> Checkpoint:
         config = self.config

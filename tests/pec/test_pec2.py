@@ -11,8 +11,25 @@ from pec.pec2 import PEC2
 
 def test_it_is_smaller_than_the_published_network():
     count = sum(parameter.numel() for parameter in PEC2(64, 10).parameters())
-    assert count == 563_530 < sum(parameter.numel() for parameter in PEC(64, 10).parameters())
+    assert count == 700_138 < sum(parameter.numel() for parameter in PEC(64, 10).parameters())
     assert PEC2(128, 3).eval()(torch.zeros(2, 128, 3)).shape == (2, 3)
+
+
+def test_part_of_it_forgets_the_order_and_part_does_not():
+    torch.manual_seed(0)
+    model, points = PEC2(64, 10).eval(), torch.randn(5, 64, 3)
+    shuffled = points[:, torch.randperm(64)]
+    features = [model.point(cloud.flatten(0, 1)).unflatten(0, (5, 64)) for cloud in (points, shuffled)]
+    assert torch.allclose(features[0].amax(dim=1), features[1].amax(dim=1), atol=1e-6)
+    assert not torch.allclose(model(points), model(shuffled), atol=1e-3)
+    # One point elsewhere is seen by both parts, each alone.
+    moved = points.clone()
+    moved[:, 7] += 5
+    for silent in (model.ordered[0], model.pooled[1]):
+        weight = silent.weight.detach().clone()
+        silent.weight.data.zero_()
+        assert not torch.allclose(model(points), model(moved), atol=1e-3)
+        silent.weight.data.copy_(weight)
 
 
 def test_scaled_weights_let_clouds_differ():

@@ -19,7 +19,7 @@ from pec.clouds import load_dataset
 from pec.config import read_config
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.threads import torch_threads
-from pec.training import split, train
+from pec.training import log_class_shares, split, train
 
 
 def _settings(shapes: Path, output: Path, **changes) -> dict:
@@ -145,6 +145,27 @@ def test_products_of_half_precision_train_other_weights_that_are_kept_in_full(sh
     assert any(not torch.equal(a, b) for a, b in zip(*(state.values() for state in weights), strict=True))
     with pytest.raises(ConfigError, match=r"protocol\.precision must be one of float32, bfloat16, got 'half'"):
         train(_settings(shapes, tmp_path / "x", protocol={"precision": "half"}))
+
+
+def test_logit_adjustment_makes_up_for_unequal_classes(shapes, tmp_path):
+    shares = log_class_shares(torch.tensor([0, 0, 0, 2]), 3)
+    assert shares.exp().tolist() == pytest.approx([0.75, 0.125, 0.25])
+    # What says nothing of the class is best answered by the shares; adjusted by all of them, by no class at all.
+    logits = torch.zeros(3, requires_grad=True)
+    for _ in range(200):
+        loss = torch.nn.functional.cross_entropy((logits + shares).expand(4, 3), torch.tensor([0, 0, 0, 2]))
+        (gradient,) = torch.autograd.grad(loss, logits)
+        logits = (logits - gradient).detach().requires_grad_()
+    assert logits[0].item() == pytest.approx(logits[2].item(), abs=0.01)
+    losses = []
+    for strength in (0.0, 1.0):
+        protocol = {"epochs": 1, "logit_adjustment": strength}
+        results = train(_settings(shapes, tmp_path / str(strength), protocol=protocol))
+        losses.append(results["curves"]["train_loss"][0])
+    # Equal classes need no adjustment: the same loss but for rounding and what Adam makes of it.
+    assert losses[0] == pytest.approx(losses[1], rel=0.02)
+    with pytest.raises(ConfigError, match=r"protocol\.logit_adjustment must not be negative, got -1\.0"):
+        train(_settings(shapes, tmp_path / "x", protocol={"logit_adjustment": -1.0}))
 
 
 def test_splits_do_not_overlap_and_instances_stay_apart(shapes):
