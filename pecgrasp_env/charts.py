@@ -54,10 +54,12 @@ def bars(rows: Sequence[tuple[str, float, float]], unit: str, label: str) -> str
 
     parts = []
     bottom = 10 + line * len(rows)
-    for power in range(round(np.log10(low)), round(np.log10(high)) + 1):
+    powers = range(round(np.log10(low)), round(np.log10(high)) + 1)
+    for k, power in enumerate(powers):
         x = place(10.0**power)
         parts.append(f'<line class="grid" x1="{x:.1f}" y1="4" x2="{x:.1f}" y2="{bottom}"/>')
-        parts.append(_text(x, bottom + 16, f"{10.0**power:g} {unit}", "middle", "soft"))
+        if k % (1 + len(powers) // 6) == 0:  # labels would run into each other
+            parts.append(_text(x, bottom + 16, f"{10.0**power:g} {unit}", "middle", "soft"))
     for k, (name, median, maximum) in enumerate(rows):
         y = 10 + line * k
         parts.append(_text(left - 10, y + 14, name, "end"))

@@ -30,9 +30,10 @@ from pec.training import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.demo_episode import EpisodeRecorder
 from pecgrasp_env.episode_record import EpisodeRecord, load_record
-from pecgrasp_env.evaluation import Protocol, summarise, table
+from pecgrasp_env.evaluation import Protocol
 from pecgrasp_env.film import join_films
 from pecgrasp_env.report import ClassifierRecord, ReportRecord, stage_times, write_report
+from pecgrasp_env.summary import summarise, table
 
 Say = Callable[[str], None]
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from grasping import Grasp, GraspPlan, RegionReport
-from pecgrasp_env.evaluation import Episode
+from pecgrasp_env.episode import Episode
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,7 @@ class EpisodeRecord:
     """An episode and what the policy saw and planned last.
 
     cloud: (N, 3) metres, the last frame that was looked at, z up; objects and plan are in its frame. picture: (H, W, 3)
-    uint8 of the scene before the first step. calls: seconds of computing, by stage, one number a call. film_second:
-    where the episode begins in the film.
+    uint8 of the scene before the first step. film_second: where the episode begins in the film.
     """
 
     episode: Episode
@@ -42,18 +41,13 @@ class EpisodeRecord:
     cloud: np.ndarray | None = None
     plan: GraspPlan | None = None
     picture: np.ndarray | None = None
-    calls: Mapping[str, Sequence[float]] = field(default_factory=dict)
     film_second: float | None = None
 
 
 def save_record(path: Path, record: EpisodeRecord) -> None:
     """Writes one .npz: arrays as they are, the rest as JSON. Whole or not at all."""
     arrays: dict[str, np.ndarray] = {}
-    described: dict[str, Any] = {
-        "episode": asdict(record.episode),
-        "calls": {k: list(v) for k, v in record.calls.items()},
-    }
-    described["film_second"] = record.film_second
+    described: dict[str, Any] = {"episode": asdict(record.episode), "film_second": record.film_second}
     for name in ("cloud", "picture"):
         if getattr(record, name) is not None:
             arrays[name] = getattr(record, name)
@@ -97,6 +91,5 @@ def load_record(path: Path) -> EpisodeRecord:
         arrays.get("cloud"),
         plan,
         arrays.get("picture"),
-        described["calls"],
         described["film_second"],
     )

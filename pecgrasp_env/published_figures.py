@@ -19,8 +19,8 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
-from pecgrasp_env.evaluation import wilson_interval
 from pecgrasp_env.objects import make_object
+from pecgrasp_env.proportions import wilson_interval
 
 FloatArray = NDArray[np.float64]
 Side = Literal["whole", "one side"]

@@ -20,22 +20,12 @@ from PIL import Image
 from grasping import ROBOTIQ_2F_140, Gripper
 from grasping.viewer import Layer, fragment, page
 from pecgrasp_env.charts import bars, confusion_matrix, curve, number
+from pecgrasp_env.episode import OUTCOME_WORDS
 from pecgrasp_env.episode_record import EpisodeRecord
-from pecgrasp_env.evaluation import wilson_interval
+from pecgrasp_env.proportions import wilson_interval
 
 UP = (0.0, 0.0, 1.0)  # of the robot's base frame, in which records are
 _FIGURE_POINTS = 12_000  # 60 kB a figure
-# What each outcome is called, and its tone: well, badly (it did harm), or without success.
-OUTCOME_WORDS = {
-    "success": ("lifted", "good"),
-    "wrong_object": ("wrong object lifted", "bad"),
-    "off_table": ("pushed off the table", "bad"),
-    "dropped": ("dropped", "warn"),
-    "no_object": ("not found", "warn"),
-    "no_grasp": ("no grasp found", "warn"),
-    "missed": ("not held", "warn"),
-    "timeout": ("out of time", "warn"),
-}
 
 
 @dataclass(frozen=True)
@@ -71,7 +61,7 @@ def stage_times(episodes: Sequence[EpisodeRecord]) -> dict[str, tuple[float, flo
     """Median seconds, largest seconds and number of calls of each stage, over all episodes."""
     calls: dict[str, list[float]] = {}
     for episode in episodes:
-        for stage, seconds in episode.calls.items():
+        for stage, seconds in episode.episode.stages.items():
             calls.setdefault(stage, []).extend(seconds)
     return {name: (float(np.median(each)), max(each), len(each)) for name, each in calls.items() if each}
 

@@ -1,32 +1,22 @@
-"""Evaluate the policy: `python scripts/evaluate_grasp.py checkpoint=DIR`; settings and their meaning in
-conf/evaluate.yaml.
-"""
+"""Evaluate the policy: `python scripts/evaluate_grasp.py checkpoint=DIR`, or a grid of cells: `experiment=table_5_2`.
 
-import json
-import os
-from pathlib import Path
+The same command goes on where it was interrupted. Settings and launchers: conf/evaluate.yaml.
+"""
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from pecgrasp_env.evaluation import Protocol, run_episodes, summarise, table
+from pecgrasp_env.evaluation_cells import run_cell
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="evaluate")
-def main(cfg: DictConfig) -> float:
-    settings = OmegaConf.to_container(cfg, resolve=True)
-    protocol = Protocol(settings["env"], settings["checkpoint"], settings["planner"], settings["policy"])
-    seeds = range(cfg.first_seed, cfg.first_seed + cfg.episodes)
-    out = Path(cfg.output)
-    with tqdm(total=cfg.episodes, disable=not cfg.progress, unit="episode") as bar:
-        episodes = run_episodes(protocol, seeds, out, workers=cfg.workers, on_episode=lambda _: bar.update())
-    summary = summarise(episodes)
-    temporary = out / "results.json.tmp"
-    temporary.write_text(json.dumps(summary, indent=2))
-    os.replace(temporary, out / "results.json")
-    print(table(summary))
-    return summary["outcomes"]["success"]["share"]
+def main(cfg: DictConfig) -> None:
+    settings = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+    with tqdm(disable=not cfg.progress, unit="episode", desc=f"{cfg.scene}, {cfg.planner_name}") as bar:
+        cell = run_cell(settings, lambda _: bar.update())
+    done = f"{len(cell.episodes)} of {cell.wanted} episodes"
+    print(f"{cell.scene}, {cell.planner}: {done}" + (f", stopped by {cell.error}" if cell.error else ""))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ def test_every_planner_of_the_library_has_a_file():
 @pytest.mark.parametrize("name", NAMES)
 def test_a_planner_chosen_by_name_plans(name):
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("evaluate", overrides=["checkpoint=x", "output=y", f"planner={name}"])
+        cfg = compose("evaluate", overrides=["checkpoint=x", f"planner={name}"])
     planner = instantiate(OmegaConf.to_container(cfg.planner))
     points = np.asarray(make_object("mouse", 0).visual_mesh().sample(600, seed=0), float)
     points[:, 2] -= points[:, 2].min()

@@ -1,91 +1,143 @@
-"""The evaluation's numbers, its journal on disk, and its configuration."""
+"""Episodes in their journal: run once, shared by jobs, gone on with after a crash, the same whoever runs them."""
 
 import json
-from dataclasses import asdict
-from pathlib import Path
+import shutil
+from dataclasses import asdict, replace
 
-import gymnasium as gym
+import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from hydra.utils import instantiate
-from hypothesis import given
-from hypothesis import strategies as st
-from omegaconf import OmegaConf
 
-from grasping import CurvaturePlanner
-from pecgrasp_env.evaluation import (
-    OUTCOMES,
-    Episode,
-    EvaluationError,
-    Protocol,
-    read_episodes,
-    run_episodes,
-    summarise,
-    table,
-    wilson_interval,
-)
+from pecgrasp_env.capture import Part
+from pecgrasp_env.episode import OUTCOMES, Episode
+from pecgrasp_env.evaluation import EvaluationError, Protocol, read_episodes, run_episodes
+from pecgrasp_env.summary import summarise, table
 
-CONF = Path(__file__).parents[2] / "conf"
 PROTOCOL = Protocol({"n_objects": 1}, "nowhere", {"_target_": "grasping.CurvaturePlanner"}, {})
-
-
-def episode(seed, outcome="success", target="mouse"):
-    reason = None if outcome == "success" else "because"
-    return Episode(seed, target, outcome, reason, [], 70, 1, 0.9, ["mouse_0001"], {"segment": 0.01 * (seed + 1)})
-
-
-def write(folder, *episodes, tail=""):
-    folder.mkdir(exist_ok=True)
-    (folder / "protocol.json").write_text(json.dumps(asdict(PROTOCOL), indent=2, sort_keys=True))
-    (folder / "episodes.jsonl").write_text("".join(json.dumps(asdict(e)) + "\n" for e in episodes) + tail)
-
-
-@pytest.mark.parametrize(
-    ("successes", "n", "interval"),
-    [(19, 20, (0.764, 0.991)), (0, 10, (0.0, 0.278)), (10, 10, (0.722, 1.0)), (50, 100, (0.404, 0.596))],
+ALONE = Protocol(
+    {"n_objects": 1, "classes": ["plug_adapter"], "sensor": "d435", "objects": {"seed": 1000}},
+    None,
+    {"_target_": "grasping.CentroidPlanner"},
+    {"attempts": 1},
 )
-def test_wilson_intervals_of_the_tables(successes, n, interval):
-    assert wilson_interval(successes, n) == pytest.approx(interval, abs=5e-4)
 
 
-@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_wilson_interval_holds_the_share_and_mirrors(case):
-    successes, n = case
-    low, high = wilson_interval(successes, n)
-    assert 0 <= low <= successes / n <= high <= 1
-    mirrored = wilson_interval(n - successes, n)
-    assert (1 - high, 1 - low) == pytest.approx(mirrored)
+def episode(seed, outcome="success", target="mouse", **changes):
+    reason = None if outcome == "success" else "because of 3.5 mm"
+    stages = {"segment": [0.01 * (seed + 1), 0.01]}
+    return replace(Episode(seed, target, outcome, reason, [], 70, 1, 0.9, ["mouse_0001"], stages), **changes)
 
 
-@pytest.mark.parametrize(("successes", "n"), [(0, 0), (3, 2), (-1, 5)])
-def test_no_proportion_is_refused(successes, n):
-    with pytest.raises(EvaluationError, match="no proportion"):
-        wilson_interval(successes, n)
+def write(folder, *episodes, name="episodes.jsonl", tail=""):
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text("".join(json.dumps(asdict(e)) + "\n" for e in episodes) + tail)
+
+
+def untimed(episodes):
+    return [replace(each, stages={name: len(calls) for name, calls in each.stages.items()}) for each in episodes]
+
+
+# The journal
 
 
 def test_what_is_done_is_not_run_again(tmp_path):
-    """No environment and no classifier are needed, in the order of the seeds, where the journal holds every episode."""
+    """Neither environment nor classifier is needed, in the order of the seeds, where every episode is there."""
     write(tmp_path, episode(2, "dropped"), episode(1))
     assert run_episodes(PROTOCOL, [1, 2], tmp_path) == [episode(1), episode(2, "dropped")]
 
 
-def test_a_line_cut_off_by_a_crash_is_dropped(tmp_path):
+def test_a_line_cut_off_by_a_crash_is_no_episode(tmp_path):
     write(tmp_path, episode(1), episode(2), tail='{"seed": 3, "tar')
-    assert read_episodes(tmp_path / "episodes.jsonl") == [episode(1), episode(2)]
+    assert read_episodes(tmp_path) == [episode(1), episode(2)]
+    assert run_episodes(PROTOCOL, [1, 2], tmp_path) == [episode(1), episode(2)]
     assert (tmp_path / "episodes.jsonl").read_text().endswith("}\n")
 
 
-def test_a_folder_of_another_protocol_is_refused(tmp_path):
-    write(tmp_path, episode(1))
-    other = Protocol({"n_objects": 2}, "nowhere", PROTOCOL.planner, {})
-    with pytest.raises(EvaluationError, match=r"protocol\.json describes another"):
-        run_episodes(other, [1], tmp_path)
+def test_a_line_that_another_job_is_writing_is_left_alone(tmp_path):
+    write(tmp_path, episode(1), tail='{"seed": 3, "tar', name="episodes.1of2.jsonl")
+    write(tmp_path, episode(0), name="episodes.0of2.jsonl")
+    assert run_episodes(PROTOCOL, [0, 1], tmp_path, part=Part(0, 2)) == [episode(0), episode(1)]
+
+
+def test_the_last_part_joins_all_of_them_in_order(tmp_path):
+    write(tmp_path, episode(1), episode(3), name="episodes.1of2.jsonl")
+    write(tmp_path, episode(2), episode(0), name="episodes.0of2.jsonl")
+    run_episodes(PROTOCOL, range(4), tmp_path, part=Part(1, 2))
+    assert [path.name for path in tmp_path.iterdir()] == ["episodes.jsonl"]
+    assert read_episodes(tmp_path) == [episode(seed) for seed in range(4)]
+
+
+def test_an_error_is_replaced_by_an_episode(tmp_path):
+    write(tmp_path, episode(1, "error"), episode(1, "missed"), episode(1, "error"))
+    assert read_episodes(tmp_path) == [episode(1, "missed")]
+
+
+def test_no_workers_and_no_classifier_are_refused(tmp_path):
     with pytest.raises(EvaluationError, match="workers=0"):
         run_episodes(PROTOCOL, [1], tmp_path, workers=0)
+    with pytest.raises(EvaluationError, match=r"checkpoint=null: .* 2 do"):
+        Protocol({"classes": ["mouse", "can"]}, None, PROTOCOL.planner, {}).make_policy()
+
+
+# In the simulator
+
+
+@pytest.fixture(scope="module")
+def in_one_go(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, run_episodes(ALONE, [7, 8], folder)
+
+
+def test_parts_are_the_episodes_of_one_run_and_go_on_after_a_crash(in_one_go, tmp_path):
+    folder, whole = in_one_go
+    ran = []
+    journal = tmp_path / "episodes.1of2.jsonl"
+    run_episodes(ALONE, [7, 8], tmp_path, part=Part(1, 2), on_episode=ran.append)
+    assert [each.seed for each in ran] == [8]
+    journal.write_text(journal.read_text() + '{"seed": 7, "target": "plu')
+    parts = run_episodes(ALONE, [7, 8], tmp_path, on_episode=ran.append)
+    assert [each.seed for each in ran] == [8, 7]
+    assert untimed(parts) == untimed(whole)
+    assert [path.name for path in tmp_path.iterdir()] == [path.name for path in folder.iterdir()] == ["episodes.jsonl"]
+
+
+def test_an_episode_that_raises_is_an_error_and_is_tried_again(in_one_go, tmp_path):
+    shutil.copy(in_one_go[0] / "episodes.jsonl", tmp_path)
+    mute = replace(ALONE, planner={"_target_": "builtins.dict"})
+    done = run_episodes(mute, [7, 8, 9], tmp_path)
+    assert [each.outcome == "error" for each in done] == [False, False, True]
+    assert done[2].reason == "AttributeError: 'dict' object has no attribute 'plan'"
+    assert summarise(done)["outcomes"]["error"]["count"] == 1
+    ran = []
+    run_episodes(mute, [7, 8, 9], tmp_path, on_episode=ran.append)
+    assert [each.seed for each in ran] == [9]
+
+
+def test_every_planner_meets_the_same_scenes():
+    """What an environment has been through, under whichever planner, leaves no trace in the next seed's scene."""
+    poses, depths = [], []
+    for planner, seeds in (("CentroidPlanner", (3, 4)), ("PublishedPlanner", (4,))):
+        protocol = replace(ALONE, planner={"_target_": f"grasping.{planner}"})
+        env, policy = protocol.make_env(), protocol.make_policy()
+        for seed in seeds:
+            obs, info = env.reset(seed=seed)
+            first = obs
+            policy.reset(info["target"][0])
+            for _ in range(45 if seed == 3 else 1):
+                obs, *_ = env.step(policy.act(obs))
+        poses.append(env.unwrapped.objects[0].pose.raw_pose.numpy())
+        depths.append(first["sensor_data"]["wrist_camera"]["depth"].numpy())
+        assert protocol.make_policy().planner.__class__.__name__ == planner
+        env.close()
+    assert np.array_equal(poses[0], poses[1])
+    assert np.array_equal(depths[0], depths[1])
+
+
+# Summaries
 
 
 def test_the_summary_counts_by_outcome_and_class():
-    episodes = [episode(0), episode(1), episode(2, "wrong_object", "stapler"), episode(3, "missed")]
+    episodes = [episode(0), episode(1, disturbance_m=0.02), episode(2, "wrong_object", "stapler"), episode(3, "missed")]
+    episodes[3] = replace(episodes[3], failures=["2 mm off", "30 mm off"], disturbance_m=0.004)
     summary = summarise(episodes)
     assert {name: row["count"] for name, row in summary["outcomes"].items() if row["count"]} == {
         "success": 2,
@@ -94,20 +146,9 @@ def test_the_summary_counts_by_outcome_and_class():
     }
     assert set(summary["outcomes"]) == set(OUTCOMES)
     assert summary["by_class"]["mouse"]["success"]["share"] == pytest.approx(2 / 3)
-    assert summary["reasons"] == {"because": 2}
-    assert summary["stage_ms"]["segment"]["median"] == pytest.approx(25.0)
+    assert summary["reasons"] == {"because of # mm": 2}
+    assert summary["failures"] == {"# mm off": 2}
+    assert summary["stage_ms"]["segment"] == pytest.approx({"median": 10.0, "p95": 36.5, "most": 40.0, "n": 8})
+    assert summary["disturbance_mm"]["median"] == pytest.approx(12)
     assert "wrong_object" in table(summary)
     assert "dropped" not in table(summary)
-
-
-@pytest.mark.parametrize("experiment", sorted(p.stem for p in (CONF / "experiment").glob("selective*.yaml")))
-def test_the_configuration_makes_an_environment_and_a_planner(experiment):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("evaluate", overrides=["checkpoint=x", f"experiment={experiment}", "output=y"])
-    settings = OmegaConf.to_container(cfg, resolve=True)
-    protocol = Protocol(settings["env"], settings["checkpoint"], settings["planner"], settings["policy"])
-    env = protocol.make_env()
-    assert isinstance(env, gym.Env)
-    assert env.unwrapped.n_objects == 3
-    assert isinstance(instantiate(protocol.planner), CurvaturePlanner)
-    env.close()

@@ -11,9 +11,9 @@ import pytest
 
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from pecgrasp_env.charts import bars, confusion_matrix, curve
+from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.episode_record import ClassifiedObject, EpisodeRecord, load_record, save_record
-from pecgrasp_env.evaluation import OUTCOMES, Episode
-from pecgrasp_env.report import OUTCOME_WORDS, ClassifierRecord, ReportRecord, render, stage_times, write_report
+from pecgrasp_env.report import ClassifierRecord, ReportRecord, render, stage_times, write_report
 
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
 
@@ -30,11 +30,12 @@ def episode(outcome: str = "success", **changes) -> EpisodeRecord:
     grasp = Grasp(pose, 0.06, 0.8, "region", 0, {"margin": 0.5})
     plan = GraspPlan(grasp, [grasp], [RegionReport(points, "box", 0.06, 0.02, "candidate", 0)], None)
     told = {"target": "plug_adapter", "reason": None, "failures": []}
-    told |= {key: changes.pop(key) for key in ("target", "reason", "failures") if key in changes}
-    ended = Episode(41, outcome=outcome, steps=200, views=1, confidence=0.9, objects=["mouse_0003"], stages={}, **told)
+    told |= {"stages": {"segment": [0.01, 0.03], "plan grasp": [0.002]}, "objects": ["mouse_0003"]}
+    told |= {key: changes.pop(key) for key in told if key in changes and key != "objects"}
+    ended = Episode(41, outcome=outcome, steps=200, views=1, confidence=0.9, **told)
     seen = (ClassifiedObject(points, "plug_adapter", 0.97, chosen=True), ClassifiedObject(cloud(2), "mouse", 0.88))
     fields = {"objects": seen, "cloud": cloud(3, 500), "plan": plan, "picture": np.full((24, 32, 3), 90, np.uint8)}
-    fields |= {"calls": {"segment": [0.01, 0.03], "plan grasp": [0.002]}, "film_second": 62.5}
+    fields |= {"film_second": 62.5}
     return EpisodeRecord(ended, **(fields | changes))
 
 
@@ -79,7 +80,15 @@ def test_text_from_outside_cannot_break_out_of_the_page(outline) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"plan": None, "objects": (), "cloud": None, "picture": None, "calls": {}, "film_second": None, "failures": []},
+        {
+            "plan": None,
+            "objects": (),
+            "cloud": None,
+            "picture": None,
+            "stages": {},
+            "film_second": None,
+            "failures": [],
+        },
         {"plan": None, "objects": (), "failures": ["not found", "not found"]},
         {"plan": GraspPlan(None, [], [], "all too wide"), "failures": ["no grasp: all too wide"]},
         {"cloud": np.full((50, 3), np.nan), "plan": None, "objects": ()},
@@ -109,7 +118,7 @@ def test_no_episode_and_no_classifier_still_make_a_report(outline) -> None:
 
 
 def test_stage_times_are_over_the_calls_of_all_episodes() -> None:
-    other = episode(calls={"segment": [0.02], "plan motion": []})
+    other = episode(stages={"segment": [0.02], "plan motion": []})
     assert stage_times([episode(), other]) == {"segment": (0.02, 0.03, 3), "plan grasp": (0.002, 0.002, 1)}
 
 

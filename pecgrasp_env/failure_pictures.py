@@ -1,0 +1,125 @@
+"""Pictures of an episode that failed: what the camera saw with the grasp that was planned, the try, and the end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image, ImageDraw
+
+from grasping import ROBOTIQ_2F_140, Grasp
+from pecgrasp_env.episode import Policy
+from pecgrasp_env.film import depth_picture
+from pecgrasp_env.perception import Percept
+from pecgrasp_env.watched import Sight, Watched
+
+# In the order in which they were taken.
+KINDS = ("camera", "try", "end")
+_EYE, _AIM, _FOV = (0.98, 0.48, 0.52), (0.46, 0.0, 0.10), 0.85  # m, world frame; rad: the objects and the hand
+_WIDTH, _HEIGHT = 424, 318  # pixels
+_QUALITY = 60
+_SHOWN = 0.5  # of the width and height of the wrist camera's picture, about the grasp
+_ALIKE = 1.0  # of 255, mean difference of two pictures of which one is enough
+_GRASP, _CHOSEN = (255, 70, 60), np.array([255.0, 255.0, 255.0])
+_BEHIND_M = 0.06  # of the hand that is drawn behind the pads
+
+
+def camera() -> dict[str, Any]:
+    """The environment's render camera, to make it with: ``human_render_camera_configs``."""
+    from mani_skill.utils import sapien_utils
+
+    return {"pose": sapien_utils.look_at(_EYE, _AIM), "width": _WIDTH, "height": _HEIGHT, "fov": _FOV}
+
+
+class FailurePictures:
+    """Looks on while `policy` acts in `env`; pictures are taken where a try fails, and kept by `save`.
+
+    env: with a render camera. Most episodes succeed, so nothing is rendered before something goes wrong.
+    """
+
+    def __init__(self, env: gym.Env, policy: Policy) -> None:
+        self.policy = Watched(policy)
+        self._env = env
+        self._failures = 0
+        self._try: np.ndarray | None = None
+
+    def on_step(self, env: gym.Env) -> None:
+        if len(self.policy.log.failures) > self._failures:
+            self._failures = len(self.policy.log.failures)
+            self._try = _render(env)
+
+    def save(self, folder: Path, seed: int) -> None:
+        """Write FOLDER/SEED.KIND.webp of each kind that there is; "end" always, "try" where it shows something else."""
+        folder.mkdir(parents=True, exist_ok=True)
+        end = _render(self._env)
+        pictures = {"end": end}
+        if self._try is not None and np.abs(self._try.astype(float) - end).mean() > _ALIKE:
+            pictures["try"] = self._try
+        if self.policy.sight is not None:
+            pictures["camera"] = what_it_saw(self.policy.sight)
+        for kind, picture in pictures.items():
+            path = folder / f"{seed}.{kind}.webp"
+            temporary = path.with_name(path.name + ".tmp")
+            Image.fromarray(picture).save(temporary, "WEBP", quality=_QUALITY)
+            os.replace(temporary, path)
+
+
+def what_it_saw(sight: Sight) -> np.ndarray:
+    """(h, 424, 3) uint8: the depth picture about what was chosen, that pale, the best grasp as pads and hand in red.
+
+    Without a choice the whole picture.
+    """
+    percept = sight.percept
+    height, width = percept.depth.shape
+    left, top, share = 0, 0, 1.0
+    depth, chosen = percept.depth, np.zeros((height, width), bool)
+    if sight.chosen is not None:
+        column, row = _pixels(percept, sight.objects[sight.chosen].points)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        chosen[row[inside].astype(int), column[inside].astype(int)] = True
+        share = _SHOWN
+        left = int(np.clip(column.mean() - share * width / 2, 0, (1 - share) * width))
+        top = int(np.clip(row.mean() - share * height / 2, 0, (1 - share) * height))
+    part = slice(top, top + round(share * height)), slice(left, left + round(share * width))
+    picture = depth_picture(depth[part])
+    picture[chosen[part]] = (0.5 * picture[chosen[part]] + 0.5 * _CHOSEN).astype(np.uint8)
+    scale = _WIDTH / picture.shape[1]
+    image = Image.fromarray(picture).resize((_WIDTH, round(scale * picture.shape[0])))
+    if sight.plan is not None and sight.plan.best is not None:
+        draw = ImageDraw.Draw(image)
+        for line in _outlines(sight.plan.best):
+            column, row = _pixels(percept, line)
+            xy = np.column_stack([column - left, row - top]) * scale
+            draw.line([(float(x), float(y)) for x, y in xy], _GRASP, 2)
+    return np.asarray(image)
+
+
+def _outlines(grasp: Grasp) -> Iterator[np.ndarray]:
+    """Polylines (K, 3) in the cloud's frame, m: the pads' faces, the hand behind them, the line on which they close."""
+    hand = ROBOTIQ_2F_140
+    x, y, z = grasp.width / 2, hand.finger_width / 2, hand.pad_length / 2
+    lines = [[(side * x, u * y, v * z) for u, v in _SQUARE] for side in (-1, 1)]
+    lines.append([(-x, 0, -z), (-x, 0, -z - _BEHIND_M), (x, 0, -z - _BEHIND_M), (x, 0, -z)])
+    lines.append([(0, 0, -z - _BEHIND_M), (0, 0, -z - 2 * _BEHIND_M)])
+    lines.append([(-x, 0, 0), (x, 0, 0)])
+    for line in lines:
+        yield np.array(line) @ grasp.pose[:3, :3].T + grasp.pose[:3, 3]
+
+
+_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+
+
+def _pixels(percept: Percept, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns and rows (n,) of points (n, 3) of the base frame, which may lie outside of the picture."""
+    T = np.linalg.inv(percept.T_base_camera)
+    x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
+    K, z = percept.intrinsics, np.maximum(z, 1e-3)
+    return K.fx * x / z + K.cx, K.fy * y / z + K.cy
+
+
+def _render(env: Any) -> np.ndarray:
+    return np.asarray(env.render()[0].cpu(), np.uint8)

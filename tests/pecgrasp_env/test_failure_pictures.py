@@ -1,0 +1,60 @@
+"""Pictures of failures: the grasp where the camera sees it, and all three kinds out of an episode that failed."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from grasping import CurvaturePlanner, Grasp, GraspPlan
+from pecgrasp_env.evaluation import Protocol
+from pecgrasp_env.failure_pictures import FailurePictures, camera, what_it_saw
+from pecgrasp_env.perception import Percept, SeenObject
+from pecgrasp_env.sensor import CameraIntrinsics
+from pecgrasp_env.views import HOME
+from pecgrasp_env.watched import Sight
+
+
+def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
+    depth = np.full((240, 424), 0.6, np.float32)
+    percept = Percept(np.array(HOME), 0.14, depth, CameraIntrinsics(424, 240, 306.0, 306.0, 212.0, 120.0))
+    T = percept.T_base_camera
+    ahead = T[:3, :3] @ np.array([0.05, 0.0, 0.55]) + T[:3, 3]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = T[:3, :3], ahead  # closes along the picture's rows, comes in along the optical axis
+    grasp = Grasp(pose, 0.06, 1.0, "region")
+    bare = what_it_saw(Sight(percept, [SeenObject(ahead[None], False)]))
+    assert not (bare == (255, 70, 60)).all(axis=2).any()
+    drawn = what_it_saw(Sight(percept, [SeenObject(ahead[None], False)], 0, GraspPlan(grasp, [grasp], [], None)))
+    assert bare.shape == drawn.shape == (240, 424, 3)
+    rows, columns = np.nonzero((drawn == (255, 70, 60)).all(axis=2))
+    # The picture is cut out about the point, twice as large; what is nearer, the hand, looks larger than the pads.
+    assert rows.mean() == pytest.approx(120, abs=4)
+    assert columns.mean() == pytest.approx(212, abs=8)
+    assert 0.8 < np.ptp(columns) / (2 * 306 * 0.06 / 0.55) < 1.5
+
+
+def test_pictures_of_a_failure_are_kept(tmp_path):
+    """A planner that grasps the air: the hand closes on nothing, and three pictures say so."""
+
+    class Above(CurvaturePlanner):
+        def plan(self, points, **scene):
+            return super().plan(points + np.array([0.0, 0.0, 0.12]), **scene | {"obstacles": None, "table": None})
+
+    scene = {"n_objects": 1, "classes": ["plug_adapter"], "sensor": "d435", "objects": {"seed": 1000}}
+    protocol = Protocol(scene, None, {"_target_": "grasping.CurvaturePlanner"}, {"attempts": 1})
+    env = protocol.make_env(render_mode="rgb_array", human_render_camera_configs=camera())
+    policy = protocol.make_policy()
+    policy.planner = Above()
+    watch = FailurePictures(env, policy)
+    obs, info = env.reset(seed=5)
+    watch.policy.reset(info["target"][0])
+    while not watch.policy.done:
+        obs, *_ = env.step(watch.policy.act(obs))
+        watch.on_step(env)
+    watch.save(tmp_path, 5)
+    env.close()
+    assert policy.log.reason is not None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["5.camera.webp", "5.end.webp", "5.try.webp"]
+    for path in tmp_path.iterdir():
+        with Image.open(path) as image:
+            assert image.width == 424
+            assert np.asarray(image).std() > 10
