@@ -26,7 +26,7 @@ from pecgrasp_env.capture.samples import Subject
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectError, ObjectModel
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.modelnet import ModelNetArchive
-from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes
+from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
 
 if TYPE_CHECKING:
     from pecgrasp_env.capture.samples import Scenario
@@ -94,6 +94,8 @@ def open_source(config: CaptureConfig) -> Source:
     objects = config.objects
     if objects.path is not None and objects.source == "modelnet10":
         return ModelNetArchive(objects.path, objects.classes)
+    if objects.path is not None and objects.source == "ycb" and (models := find_models(objects.path)):
+        return YcbDownload(objects.classes, objects.seed, models)
     if objects.path is not None:
         return MeshFolder(objects.path, objects.scale, objects.classes, objects.allow_open)
     if objects.source == "ycb" and objects.download:

@@ -16,7 +16,7 @@ from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.mesh_folder import load_mesh
 from pecgrasp_env.objects.model import ObjectModel
 
-__all__ = ["LOOK_ALIKES", "YCB_CLASSES", "YcbDownload", "YcbLookAlikes"]
+__all__ = ["LOOK_ALIKES", "YCB_CLASSES", "YcbDownload", "YcbLookAlikes", "find_models"]
 
 LOOK_ALIKES = {
     "mug": "mug",
@@ -33,6 +33,7 @@ _MODELS = {
     "bowl": "024_bowl",
     "mustard_bottle": "006_mustard_bottle",
 }
+_MESH = "textured.obj"
 
 
 class YcbLookAlikes:
@@ -62,15 +63,22 @@ class YcbLookAlikes:
 
 
 class YcbDownload:
-    """One real mesh a class, downloaded by ManiSkill at the first use; the controller is a look-alike.
+    """One real mesh a class, of ManiSkill's download; the controller is a look-alike.
 
-    Raises ObjectError where it cannot be downloaded.
+    models: folder of the models as `find_models` finds it; None: ManiSkill's own, downloaded at the first use.
+    Raises ObjectError where it cannot be downloaded, or a class's mesh is not there.
     """
 
-    def __init__(self, classes: Sequence[str] | None = None, seed: int = 0) -> None:
+    def __init__(self, classes: Sequence[str] | None = None, seed: int = 0, models: Path | None = None) -> None:
         self.classes = _chosen(classes)
         self._look_alikes = YcbLookAlikes(self.classes, 1, seed)
-        self._folder = _downloaded() if any(name in _MODELS for name in self.classes) else Path()
+        wanted = [_MODELS[name] for name in self.classes if name in _MODELS]
+        self._folder = Path() if not wanted else _downloaded() if models is None else models
+        for name in wanted:
+            if not (self._folder / name / _MESH).is_file():
+                raise ObjectError(
+                    f"{self._folder / name / _MESH} does not exist: ManiSkill's YCB models are incomplete"
+                )
         self._loaded: dict[str, ObjectModel] = {}
 
     def names(self, class_name: str) -> list[str]:
@@ -86,7 +94,7 @@ class YcbDownload:
             name = _MODELS[class_name]
             # A scan may have holes where it stood; it is taken as it is.
             self._loaded[class_name] = load_mesh(
-                self._folder / name / "textured.obj", class_name, name, scale=1.0, allow_open=True
+                self._folder / name / _MESH, class_name, name, scale=1.0, allow_open=True
             )
         return self._loaded[class_name]
 
@@ -95,6 +103,15 @@ class YcbDownload:
         if class_name in _MODELS:
             return f"YCB mesh {_MODELS[class_name]}, as ManiSkill downloads it"
         return self._look_alikes.origin(class_name, i)
+
+
+def find_models(path: str | Path) -> Path | None:
+    """The folder whose subfolders are YCB models in ManiSkill's layout, models/025_mug/textured.obj and so on, where
+    `path` is it, the mani_skill2_ycb that holds it, or the assets or data folder above that; else None.
+    """
+    below = ("", "models", "mani_skill2_ycb/models", "assets/mani_skill2_ycb/models")
+    folders = (Path(path, *part.split("/")) for part in below)
+    return next((folder for folder in folders if any(folder.glob(f"[0-9][0-9][0-9]_*/{_MESH}"))), None)
 
 
 def _chosen(classes: Sequence[str] | None) -> tuple[str, ...]:

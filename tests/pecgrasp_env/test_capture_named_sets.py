@@ -1,6 +1,7 @@
 """The data sets that have a name: what is in them, where it comes from, and that the manifest says so."""
 
 import importlib
+import json
 import zipfile
 from pathlib import Path
 
@@ -65,7 +66,7 @@ def test_ycb_is_of_look_alikes_and_the_manifest_says_so(tmp_path):
         open_source(configured("dataset=ycb", "objects.classes=[drill]"))
 
 
-def test_ycb_of_a_mesh_folder_and_of_the_download(tmp_path, monkeypatch):
+def test_ycb_of_a_mesh_folder(tmp_path):
     put = trimesh.creation.box((0.1, 0.08, 0.06))
     for name in YCB:
         (tmp_path / "own" / name).mkdir(parents=True)
@@ -74,16 +75,42 @@ def test_ycb_of_a_mesh_folder_and_of_the_download(tmp_path, monkeypatch):
     assert sorted(source.classes) == sorted(YCB)
     assert source.origin("mug", 0) == "mesh scan.ply"
 
-    models = tmp_path / "assets" / "mani_skill2_ycb" / "models"  # as ManiSkill unpacks them
-    for name in ("025_mug", "007_tuna_fish_can", "024_bowl", "006_mustard_bottle"):
-        (models / name).mkdir(parents=True)
-        put.export(str(models / name / "textured.obj"))
-    monkeypatch.setattr("mani_skill.ASSET_DIR", tmp_path)
+
+@pytest.fixture
+def asset_folder(tmp_path) -> Path:
+    """ManiSkill's data folder once its YCB download has been unpacked there, with boxes for meshes."""
+    folder = tmp_path / "data"
+    root = folder / "assets" / "mani_skill2_ycb"
+    mesh = trimesh.creation.box((0.1, 0.08, 0.06))
+    info = {}
+    for name in ("002_master_chef_can", "006_mustard_bottle", "007_tuna_fish_can", "024_bowl", "025_mug"):
+        (root / "models" / name).mkdir(parents=True)
+        mesh.export(str(root / "models" / name / "textured.obj"))
+        mesh.export(str(root / "models" / name / "collision.ply"))
+        info[name] = {"bbox": {"min": [-0.05, -0.04, -0.03], "max": [0.05, 0.04, 0.03]}, "scales": [1.0]}
+    (root / "info_pick_v0.json").write_text(json.dumps(info))
+    return folder
+
+
+def test_ycb_of_the_download(asset_folder, monkeypatch):
+    monkeypatch.setattr("mani_skill.ASSET_DIR", asset_folder)
     source = open_source(configured("dataset=ycb", "objects.download=true"))
     assert source.origin("mug", 0) == "YCB mesh 025_mug, as ManiSkill downloads it"
     assert source.origin("controller", 0) == "look-alike: joypad of the procedural catalogue"
     np.testing.assert_allclose(source.load("mug", 0).extents, [0.1, 0.08, 0.06], atol=1e-6)
     assert source.load("controller", 0).class_name == "controller"
+
+
+@pytest.mark.parametrize("part", ["", "assets", "assets/mani_skill2_ycb", "assets/mani_skill2_ycb/models"])
+def test_ycb_of_the_folder_that_maniskill_once_downloaded(asset_folder, part):
+    config = configured("dataset=ycb", f"objects.path={asset_folder / part}")
+    source = open_source(config)
+    assert list(source.classes) == YCB
+    assert source.names("mug") == ["025_mug"]  # and no collision.ply beside it
+    assert source.origin("bowl", 0) == "YCB mesh 024_bowl, as ManiSkill downloads it"
+    (asset_folder / "assets/mani_skill2_ycb/models/024_bowl/textured.obj").unlink()
+    with pytest.raises(ObjectError, match=r"024_bowl/textured\.obj does not exist"):
+        open_source(config)
 
 
 def test_without_a_network_the_download_says_what_to_do_instead(tmp_path, monkeypatch):
@@ -105,17 +132,29 @@ def test_what_needs_a_path_says_so(name, what):
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory) -> Path:
-    """An archive of the official one's form: two classes, of three meshes to train and two to test."""
+    """An archive of the official one's form: two classes, of three meshes to train and two to test, numbered through.
+
+    In some of its files the counts follow "OFF" without a line break; and it holds what a Mac leaves in an archive.
+    """
     folder = tmp_path_factory.mktemp("archive")
-    for name, mesh in (("bed", trimesh.creation.box((200, 150, 40))), ("desk", trimesh.creation.icosphere(2, 70))):
-        for part, count in (("train", 3), ("test", 2)):
+    for name, mesh in (
+        ("bed", trimesh.creation.box((200, 150, 40))),
+        ("night_stand", trimesh.creation.icosphere(2, 70)),
+    ):
+        for part, numbers in (("train", (1, 2, 3)), ("test", (4, 5))):
             (folder / "ModelNet10" / name / part).mkdir(parents=True)
-            for i in range(count):
-                mesh.export(str(folder / "ModelNet10" / name / part / f"{name}_{part}_{i}.off"))
+            for i in numbers:
+                text = trimesh.exchange.off.export_off(mesh)
+                assert text.startswith("OFF\n")
+                glued = text.replace("OFF\n", "OFF", 1) if i % 2 else text
+                (folder / "ModelNet10" / name / part / f"{name}_{i:04d}.off").write_text(glued)
     path = folder / "ModelNet10.zip"
     with zipfile.ZipFile(path, "w") as packed:
         for file in sorted(folder.glob("ModelNet10/*/*/*.off")):
             packed.write(file, file.relative_to(folder))
+        packed.writestr("README.txt", b"ModelNet10")
+        packed.writestr("ModelNet10/.DS_Store", b"junk")
+        packed.writestr("ModelNet10/bed/train/", b"")
         packed.writestr("__MACOSX/ModelNet10/bed/train/._bed_0001.off", b"junk")
     return path
 
@@ -124,7 +163,7 @@ def test_modelnet10_keeps_its_official_split_and_fills_the_unit_sphere(archive, 
     config = configured("dataset=modelnet10", f"objects.path={archive}", "surface_points=200", "shard_size=4")
     made = generate(config, tmp_path / "data", workers=1)
     dataset = load_dataset(made.directory)
-    assert dataset.classes == ["bed", "desk"]
+    assert dataset.classes == ["bed", "night_stand"]
     assert dataset.official_test.tolist() == ([False] * 3 + [True] * 2) * 2
     training, validation, test = split(dataset, DatasetConfig("", split="official"), "validation", 0)
     assert test.tolist() == [3, 4, 8, 9]
@@ -174,12 +213,12 @@ def test_a_broken_mesh_in_the_archive_is_named_and_can_be_skipped(archive, tmp_p
     damaged = tmp_path / "damaged.zip"
     with zipfile.ZipFile(archive) as whole, zipfile.ZipFile(damaged, "w") as copy:
         for name in whole.namelist():
-            copy.writestr(name, b"OFF 1 0 0" if name.endswith("bed_test_0.off") else whole.read(name))
+            copy.writestr(name, b"OFF 1 0 0" if name.endswith("bed_0004.off") else whole.read(name))
     config = configured("dataset=modelnet10", f"objects.path={damaged}", "surface_points=50")
-    with pytest.raises(ObjectError, match=r"damaged\.zip: ModelNet10/bed/test/bed_test_0\.off is not a readable"):
+    with pytest.raises(ObjectError, match=r"damaged\.zip: ModelNet10/bed/test/bed_0004\.off is not a readable"):
         generate(config, tmp_path / "data", workers=1)
     made = generate(config, tmp_path / "data", workers=1, on_error="skip")
-    assert (made.n_samples, list(made.skipped)) == (9, ["bed/bed_test_0"])
+    assert (made.n_samples, list(made.skipped)) == (9, ["bed/bed_0004"])
     assert load_dataset(made.directory).official_test.tolist() == [False] * 3 + [True] + [False] * 3 + [True] * 2
 
 
