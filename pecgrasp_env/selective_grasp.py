@@ -11,36 +11,33 @@ import torch
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import sapien_utils
-from mani_skill.utils.geometry.rotation_conversions import quaternion_to_matrix
 from mani_skill.utils.registration import register
 from mani_skill.utils.structs.actor import Actor
 from mani_skill.utils.structs.pose import Pose
-from mani_skill.utils.structs.types import DefaultMaterialsConfig, SimConfig
+from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 from scipy.spatial import ConvexHull
 
-from pecgrasp_env import MAX_EPISODE_STEPS, workbench
+from pecgrasp_env import MAX_EPISODE_STEPS, choice, outcome, reward, workbench
 from pecgrasp_env.camera import LIT, UNLIT, sense
-from pecgrasp_env.objects import LARS_CLASSES, open_objects
-from pecgrasp_env.placement import Region, lay_out
+from pecgrasp_env.clutter import CLUTTERS, lay_out
+from pecgrasp_env.fall import NEAR_CONTACT_OFFSET_M
+from pecgrasp_env.objects import LARS_CLASSES, ObjectModel, open_objects
+from pecgrasp_env.placement import Region
 from pecgrasp_env.robot import UR5Robotiq2F140
 from pecgrasp_env.sensor import SENSOR_MODES, intrinsics_of
 from pecgrasp_env.sensor.rendering import FAR, NEAR
 
 REGION = Region(x_min=0.33, x_max=0.67, y_min=-0.25, y_max=0.25)
-
-LIFT_HEIGHT = 0.15  # m of air under the asked-for object: success
-WRONG_LIFT_HEIGHT = 0.05  # m of air under any other object: failure
-LIFTED_HEIGHT = 0.05  # m of air under the asked-for object from which on it can be dropped
-LANDED_HEIGHT = 0.02
-OFF_TABLE_HEIGHT = -0.02  # m, height of a lowest point below which an object has left the table
-STILL_SPEED = 0.02  # m/s
+WIDE_REGION = Region(x_min=0.30, x_max=0.67, y_min=-0.33, y_max=0.33)
+_FAR_APART = 0.03  # m, clearance from which on `NEAR_CONTACT_OFFSET_M` is not needed
+_MOST_IN_REGION = 5  # more objects are laid out in the wide one
 
 # m/s at which PhysX may push overlapping bodies apart. Without a limit, its default, an object that a finger of the
 # stiff arm comes down on is shot away at 6 m/s; at 0.5 m/s pads sink into thin objects and let them go.
 MAX_DEPENETRATION_SPEED = 2.0
 
 # Streams of random numbers of one episode: which objects and how they lie are drawn apart.
-_CHOICE, _LAYOUT, _NOISE = 0, 1, 2
+_CHOICE, _LAYOUT, _NOISE, _PHYSICS = 0, 1, 2, 3
 
 
 class TaskError(ValueError):
@@ -50,12 +47,12 @@ class TaskError(ValueError):
 class SelectiveGraspEnv(BaseEnv):
     """
     ## Description
-    Several objects of different classes lie apart on a table. One class is asked for. The arm has to take hold of the
-    object of that class and to lift it; to lift another one, or to push anything off the table, is a failure.
+    Several objects lie on a table. One class is asked for. The arm has to take hold of an object of that class and to
+    lift it; to lift another one, or to push anything off the table, is a failure.
 
     The world frame is the robot's base frame: z up, tabletop at z = 0, the objects in front of the robot within
-    0.33 m < x < 0.67 m, |y| < 0.25 m. Lengths in metres, angles in radians, quaternions w, x, y, z. Control at 20 Hz,
-    physics at 100 Hz.
+    0.33 m < x < 0.67 m, abs(y) < 0.25 m. Lengths in metres, angles in radians, quaternions w, x, y, z. Control at
+    20 Hz, physics at 100 Hz.
 
     ## Action Space
     `Box(8,)` float32, by `control_mode`:
@@ -82,41 +79,61 @@ class SelectiveGraspEnv(BaseEnv):
     clouds are in the world frame, their fourth value is 0 where there is no point.
 
     ## Rewards
-    `sparse`: 1 on success, −1 on failure, else 0. `dense`, per step, between −2 and 5:
-    | term | range |
+    `sparse`: 1 on success, −1 on failure, else 0.
+
+    `dense`, per step: what the step has added to a potential, so that what is gained on the way to a state is lost on
+    the way back and only progress pays. An episode's return is the potential at its end less that at its start (under
+    1), and 5 or −1 for how it ended: idling, pushing and shaking earn nothing, however long.
+    | term of the potential | range |
     |---|---|
-    | reach: 1 − tanh(5 · distance from the pads' centre to the asked-for object in m) | 0 … 1 |
-    | grasp: the asked-for object is held | 0, 1 |
-    | lift: air under the object / 0.15 m, while held | 0 … 1 |
-    | still: 1 − tanh(10 · speed of the object in m/s), while held 0.15 m above the table | 0 … 1 |
-    | success (replaces the sum) | 5 |
+    | reach: 1 − tanh(5 · distance from the pads' centre to the nearest asked-for object in m) | 0 … 1 |
+    | grasp: an asked-for object is held | 0, 1 |
+    | lift: air under it / 0.15 m, while held | 0 … 1 |
+    | still: 1 − tanh(10 · its speed in m/s), while held 0.15 m above the table | 0 … 1 |
     | wrong: another object is held | −1, 0 |
-    | failure | −1, 0 |
+
+    | at the end | |
+    |---|---|
+    | success (instead of the step's progress) | 5 |
+    | failure (besides it) | −1 |
 
     `normalized_dense` is a fifth of it.
 
     ## Starting State
-    `n_objects` instances of different classes are drawn, dropped in random orientations, and laid out where they came
-    to rest, turned about the vertical and shifted at random, their outlines at least `clearance` from each other. One
-    of their classes is asked for. The arm hangs over the table in its home posture, the camera looking at the objects,
-    ± `joint_noise`. Everything is drawn by a generator of the sub-environment.
+    `n_objects` instances are drawn, dropped in random orientations, and laid out where they came to rest, as densely
+    as `clutter` says. Their classes all differ while there are enough of them; one is asked for. Where there are more
+    objects than classes, others than the asked-for one come twice or more. With `same_class_twins` the asked-for class
+    is there twice, and either of the two is right. The arm hangs over the table in its home posture, the camera
+    looking at the objects, ± `joint_noise`. Everything is drawn by a generator of the sub-environment.
 
     ## Episode End
-    Terminated on success: the asked-for object is held, at least 0.15 m of air under all of it, and moves slower than
-    0.02 m/s. Terminated on failure: `wrong_object`, another object has more than 0.05 m of air under it; `off_table`,
-    any object has left the table. Truncated after 400 steps. `info` also says `dropped`: the asked-for object had been
-    lifted and is on the table again, which is no failure: it may be picked up once more.
+    Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
+    slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps. `info` says
+    what happened, one value a sub-environment:
+    | key | meaning |
+    |---|---|
+    | success, fail | as above |
+    | wrong_object | an object of another class has more than 0.05 m of air under it |
+    | off_table | any object has left the table |
+    | dropped | an asked-for object had been lifted and is on the table again: no failure, it may be picked up again |
+    | disturbance_m | how far the other object that was moved most is from where it lay at the start, m |
+    | target_held, wrong_held | both pads press on an object of the asked-for class, on another one |
+    | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
+    | target | the asked-for class as text |
+    | planner_reason | what was last told to `set_planner_reason` in this episode, or "" |
 
     ## Arguments
     | name | default | meaning |
     |---|---|---|
-    | `n_objects` | 3 | objects on the table, at most as many as there are classes |
+    | `n_objects` | 3 | objects on the table, 1 … 8; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
     | `classes` | the five LARS classes | what may lie on the table, and the order of the one-hot vector |
     | `objects` | None | None: the procedural catalogue; a path: a folder of meshes; or an opened source of objects |
+    | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another |
+    | `same_class_twins` | False | the asked-for class lies there twice, either is right |
+    | `clearance` | 0.03 | least distance between two outlines at the start where they lie apart, m |
+    | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
     | `sensor` | "ideal" | "ideal": noise-free depth beyond the minimum distance; "d435": with the camera's faults |
     | `resolution` | "424x240" | depth mode of the D435, see `pecgrasp_env.sensor.D435` |
-    | `clearance` | 0.03 | least distance between two outlines at the start, m |
-    | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
     | `reconfiguration_freq` | 1 with one sub-environment, else 0 | resets between draws of new objects; 0: draw once |
 
     and those of `mani_skill.envs.sapien_env.BaseEnv`. `reset(options={"reconfigure": True})` draws new objects at once.
@@ -135,10 +152,12 @@ class SelectiveGraspEnv(BaseEnv):
         n_objects: int = 3,
         classes: Sequence[str] = LARS_CLASSES,
         objects: Any = None,
-        sensor: str = "ideal",
-        resolution: str = "424x240",
+        clutter: str = "apart",
+        same_class_twins: bool = False,
         clearance: float = 0.03,
         joint_noise: float = 0.02,
+        sensor: str = "ideal",
+        resolution: str = "424x240",
         robot_uids: str = UR5Robotiq2F140.uid,
         obs_mode: str | None = None,
         sensor_configs: dict | None = None,
@@ -148,6 +167,8 @@ class SelectiveGraspEnv(BaseEnv):
     ) -> None:
         if sensor not in SENSOR_MODES:
             raise TaskError(f"sensor={sensor!r}: must be one of {SENSOR_MODES}")
+        if clutter not in CLUTTERS:
+            raise TaskError(f"clutter={clutter!r}: must be one of {CLUTTERS}")
         if clearance < 0:
             raise TaskError(f"clearance={clearance}: must not be negative")
         if joint_noise < 0:
@@ -155,15 +176,22 @@ class SelectiveGraspEnv(BaseEnv):
         self.classes = tuple(classes)
         if len(set(self.classes)) != len(self.classes) or not self.classes:
             raise TaskError(f"classes={self.classes}: must name at least one class, each once")
-        if not 1 <= n_objects <= len(self.classes):
-            raise TaskError(f"n_objects={n_objects}: must be between 1 and the number of classes, {len(self.classes)}")
+        fewest = 2 if same_class_twins else 1
+        if not fewest <= n_objects <= choice.MOST_OBJECTS:
+            raise TaskError(f"n_objects={n_objects}: must be between {fewest} and {choice.MOST_OBJECTS}")
+        if len(self.classes) == 1 and n_objects > fewest:
+            raise TaskError(
+                f"n_objects={n_objects}: the others must not be of the asked-for class; name more in classes"
+            )
         self.source = objects if hasattr(objects, "load") else open_objects(objects, classes=self.classes)
         missing = [name for name in self.classes if name not in self.source.classes]
         if missing:
             raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
+        self.clutter = clutter
+        self.clearance = clearance
+        self.same_class_twins = same_class_twins
         self.n_objects = n_objects
         self.sensor = sensor
-        self.clearance = clearance
         self.joint_noise = joint_noise
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
@@ -192,7 +220,11 @@ class SelectiveGraspEnv(BaseEnv):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(default_materials_config=DefaultMaterialsConfig(static_friction=0.6, dynamic_friction=0.6))
+        materials = DefaultMaterialsConfig(static_friction=0.6, dynamic_friction=0.6)
+        if self.clutter == "apart" and self.clearance >= _FAR_APART:
+            return SimConfig(default_materials_config=materials)
+        near = SceneConfig(contact_offset=NEAR_CONTACT_OFFSET_M, enable_pcm=False)
+        return SimConfig(default_materials_config=materials, scene_config=near)
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
@@ -208,12 +240,12 @@ class SelectiveGraspEnv(BaseEnv):
     def _load_scene(self, options: dict) -> None:
         workbench.build_table(self.scene)
         workbench.build_floor(self.scene)
-        # The asked-for object takes no fixed slot: its number in a segmentation picture must not give it away.
+        # An asked-for object takes no fixed slot: its number in a segmentation picture must not give it away.
         self.models = [self._draw_models(self._generator(i, _CHOICE)) for i in range(self.num_envs)]
         self.objects = [self._build_slot(slot) for slot in range(self.n_objects)]
-        self._slot_class = torch.tensor(
-            [[self.classes.index(model.class_name) for model in models] for models in self.models], device=self.device
-        )
+        classes = [[self.classes.index(model.class_name) for model in models] for models in self.models]
+        self._askable = [choice.askable(np.array(row), self.same_class_twins) for row in classes]
+        self._slot_class = torch.tensor(classes, device=self.device)
         hulls = [[_hull(np.concatenate(model.hulls)) for model in models] for models in self.models]
         most = max(len(hull) for row in hulls for hull in row)
         # Repeating the last vertex pads without moving the lowest point.
@@ -221,16 +253,15 @@ class SelectiveGraspEnv(BaseEnv):
             [[np.pad(hull, ((0, most - len(hull)), (0, 0)), mode="edge") for hull in row] for row in hulls]
         )
         self._hull_vertices = torch.tensor(padded, dtype=torch.float32, device=self.device)
-        self._target_slot = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
-        self._was_lifted = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
-        self._dropped = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
-        self._position_before = torch.zeros(self.num_envs, 3, device=self.device)
-        self._noise_seed = np.zeros(self.num_envs, dtype=np.int64)
+        names = [(name, instance) for name in self.classes for instance in self.source.names(name)]
+        instances = np.array([[names.index((m.class_name, m.instance)) for m in models] for models in self.models])
+        self.memory = outcome.Memory.empty(instances, self.device)
+        self.target_names = [""] * self.num_envs
+        self._planner_reasons = [""] * self.num_envs
 
-    def _draw_models(self, rng: np.random.Generator) -> list[Any]:
-        chosen = rng.permutation(len(self.classes))[: self.n_objects]
-        names = [self.classes[i] for i in chosen]
-        return [self.source.load(name, int(rng.integers(len(self.source.names(name))))) for name in names]
+    def _draw_models(self, rng: np.random.Generator) -> list[ObjectModel]:
+        slots = choice.draw_classes(len(self.classes), self.n_objects, self.same_class_twins, rng)
+        return choice.draw_instances(self.source, [self.classes[i] for i in slots], rng)
 
     def _build_slot(self, slot: int) -> Actor:
         parts = []
@@ -256,82 +287,69 @@ class SelectiveGraspEnv(BaseEnv):
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         indices = env_idx.tolist()
         self._set_scene_config()  # the private scene of the fall takes the physics engine's current settings
+        region = REGION if self.n_objects <= _MOST_IN_REGION else WIDE_REGION
         poses = np.zeros((len(indices), self.n_objects, 7))
+        asked, noise = np.zeros(len(indices), np.int64), np.zeros(len(indices), np.int64)
         home = np.asarray(self.agent.keyframes["home"].qpos, dtype=np.float32)
         qpos = np.tile(home, (len(indices), 1))
         for row, i in enumerate(indices):
             rng = self._generator(i, _LAYOUT)
-            self._target_slot[i] = int(rng.integers(self.n_objects))
-            poses[row] = lay_out(self.models[i], rng, REGION, self.clearance)
+            asked[row] = self.classes.index(self.models[i][int(rng.choice(self._askable[i]))].class_name)
+            poses[row] = lay_out(self.models[i], rng, region, self.clutter, self.clearance)
             qpos[row, :6] += rng.uniform(-self.joint_noise, self.joint_noise, size=6)
-            self._noise_seed[i] = self._generator(i, _NOISE).integers(2**31)
+            noise[row] = self._generator(i, _NOISE).integers(2**31)
+            self.target_names[i] = self.classes[asked[row]]
+            self._planner_reasons[i] = ""
         placed = torch.tensor(poses, dtype=torch.float32, device=self.device)
         for slot, actor in enumerate(self.objects):
             actor.set_pose(Pose.create(placed[:, slot]))
         self.agent.reset(torch.tensor(qpos, device=self.device))
         self.agent.robot.set_pose(sapien.Pose())
-        self._was_lifted[env_idx] = False
-        self._dropped[env_idx] = False
-        self._position_before[env_idx] = placed[torch.arange(len(indices)), self._target_slot[env_idx], :3]
+        drawn = (torch.as_tensor(numbers, device=self.device) for numbers in (asked, noise))
+        self.memory.begin(env_idx, next(drawn), placed[..., :3], next(drawn))
 
     @property
     def target_class(self) -> torch.Tensor:
         """Index of the asked-for class in ``classes``, (num_envs,)."""
-        return self._of_target(self._slot_class)
+        return self.memory.asked
 
     @property
-    def target_names(self) -> list[str]:
-        """The asked-for class of every sub-environment, as text."""
-        return [self.classes[i] for i in self.target_class.tolist()]
+    def is_target(self) -> torch.Tensor:
+        """Which objects are of the asked-for class, (num_envs, n_objects) bool."""
+        return self._slot_class == self.memory.asked[:, None]
 
-    def _of_target(self, per_slot: torch.Tensor) -> torch.Tensor:
-        """Picks from (num_envs, n_objects, …) what belongs to the asked-for object: (num_envs, …)."""
-        return per_slot[torch.arange(self.num_envs, device=self.device), self._target_slot]
+    def set_planner_reason(self, reason: str, env_index: int = 0) -> None:
+        """Say why a planner finds no grasp, or what else it has to say: ``info["planner_reason"]`` of the following
+        steps of this episode. The task does not look at it; records and reports do.
+        """
+        self._planner_reasons[env_index] = reason
 
     def _object_poses(self) -> torch.Tensor:
         return torch.stack([actor.pose.raw_pose for actor in self.objects], dim=1)
 
-    def _air(self, poses: torch.Tensor) -> torch.Tensor:
-        """Height of the lowest point of every object above the table, m, (num_envs, n_objects)."""
-        third_row = quaternion_to_matrix(poses[..., 3:])[..., 2, :]
-        return (self._hull_vertices @ third_row[..., None])[..., 0].min(dim=-1).values + poses[..., 2]
+    def _reach(self, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Distance (num_envs,) m from the pads' centre to the nearest object of the asked-for class, and its slot."""
+        distances = torch.linalg.norm(positions - self.agent.pads_pose.p[:, None], dim=2)
+        nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
+        return nearest.values, nearest.indices
 
     # ------------------------------------------------------------- evaluation
 
     def _before_control_step(self) -> None:
         poses = self._object_poses()
-        air = self._of_target(self._air(poses))
-        self._was_lifted |= air > LIFTED_HEIGHT
-        self._dropped |= self._was_lifted & (air < LANDED_HEIGHT)
-        self._position_before = self._of_target(poses)[:, :3].clone()
+        positions = poses[..., :3]
+        self.memory.note(positions, outcome.air_below(poses, self._hull_vertices), self.is_target)
+        fresh = torch.isnan(self.memory.potential)
+        self.memory.potential = torch.where(fresh, reward.reach(self._reach(positions)[0]), self.memory.potential)
 
     def evaluate(self) -> dict[str, Any]:
         poses = self._object_poses()
-        air = self._air(poses)
+        air = outcome.air_below(poses, self._hull_vertices)
         held = torch.stack([self.agent.is_grasping(actor) for actor in self.objects], dim=1)
-        is_target = torch.zeros_like(held)
-        is_target[torch.arange(self.num_envs, device=self.device), self._target_slot] = True
-        target_air = self._of_target(air)
-        # From positions: under a squeeze PhysX reports velocities of bodies that do not move.
-        moved = torch.linalg.norm(self._of_target(poses)[:, :3] - self._position_before, dim=1)
-        speed = moved * self.control_freq
-        target_held = self._of_target(held)
-        wrong_object = ((air > WRONG_LIFT_HEIGHT) & ~is_target).any(dim=1)
-        off_table = (air < OFF_TABLE_HEIGHT).any(dim=1)
-        fail = wrong_object | off_table
-        success = target_held & (target_air >= LIFT_HEIGHT) & (speed < STILL_SPEED) & ~fail
-        dropped = self._dropped | (self._was_lifted & (target_air < LANDED_HEIGHT))
         return {
-            "success": success,
-            "fail": fail,
-            "wrong_object": wrong_object,
-            "off_table": off_table,
-            "dropped": dropped,
-            "target_held": target_held,
-            "wrong_held": (held & ~is_target).any(dim=1),
-            "target_air": target_air,
-            "target_speed": speed,
-            "target": self.target_names,
+            **outcome.judge(self.memory, self.is_target, poses[..., :3], air, held, self.control_freq),
+            "target": list(self.target_names),
+            "planner_reason": list(self._planner_reasons),
         }
 
     # ------------------------------------------------------------ observation
@@ -344,7 +362,9 @@ class SelectiveGraspEnv(BaseEnv):
         }
         if self.obs_mode_struct.use_state:
             poses = self._object_poses()
-            observation |= {"target_pose": self._of_target(poses), "object_poses": poses.flatten(1)}
+            nearest = self._reach(poses[..., :3])[1]
+            target_pose = poses[torch.arange(self.num_envs, device=self.device), nearest]
+            observation |= {"target_pose": target_pose, "object_poses": poses.flatten(1)}
         return observation
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict:
@@ -356,7 +376,7 @@ class SelectiveGraspEnv(BaseEnv):
                 # One generator for each picture, so that looking twice at one moment shows the same.
                 generators = [
                     np.random.default_rng([_NOISE, int(seed), int(step)])
-                    for seed, step in zip(self._noise_seed, self.elapsed_steps, strict=True)
+                    for seed, step in zip(self.memory.noise_seed, self.elapsed_steps, strict=True)
                 ]
                 data[name] = sense(pictures, self._sensors[name], self.sensor, generators)
         return data
@@ -364,14 +384,10 @@ class SelectiveGraspEnv(BaseEnv):
     # ----------------------------------------------------------------- reward
 
     def compute_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
-        target = self._of_target(self._object_poses())[:, :3]
-        held = info["target_held"].float()
-        reach = 1 - torch.tanh(5 * torch.linalg.norm(target - self.agent.tcp_pose.p, dim=1))
-        lift = (info["target_air"] / LIFT_HEIGHT).clamp(0, 1)
-        still = (1 - torch.tanh(10 * info["target_speed"])) * (info["target_air"] >= LIFT_HEIGHT)
-        reward = reach + held * (1 + lift + still)
-        reward = torch.where(info["success"], torch.full_like(reward, 5.0), reward)
-        return reward - info["wrong_held"].float() - info["fail"].float()
+        distance = self._reach(self._object_poses()[..., :3])[0]
+        before = self.memory.potential
+        self.memory.potential = reward.potential(distance, info)
+        return reward.reward(before, self.memory.potential, info)
 
     def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
         return self.compute_dense_reward(obs, action, info) / 5

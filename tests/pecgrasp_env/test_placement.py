@@ -8,8 +8,10 @@ from sapien import physx
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from pecgrasp_env.clutter import lay_out
+from pecgrasp_env.fall import settle
 from pecgrasp_env.objects import make_object
-from pecgrasp_env.placement import PlacementError, Region, lay_out, separation, settle
+from pecgrasp_env.placement import PlacementError, Region, separation
 
 REGION = Region(0.33, 0.67, -0.25, 0.25)
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -35,7 +37,7 @@ def test_what_falls_lies_on_the_table(models):
 
 def test_what_rests_stays(models):
     rng = np.random.default_rng(3)
-    poses = lay_out(models, rng, REGION, 0.03)
+    poses = lay_out(models, rng, REGION, clearance=0.03)
     ends, at_rest = settle(models, poses)
     assert at_rest.all()
     assert np.abs(ends[:, :3] - poses[:, :3]).max() < 1e-3
@@ -43,7 +45,7 @@ def test_what_rests_stays(models):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_outlines_keep_their_clearance_and_the_region(models, seed):
-    poses = lay_out(models, np.random.default_rng(seed), REGION, 0.03)
+    poses = lay_out(models, np.random.default_rng(seed), REGION, clearance=0.03)
     outlines = []
     for model, pose in zip(models, poses, strict=True):
         points = Rotation.from_quat(np.roll(pose[3:], -1)).apply(np.concatenate(model.hulls))[:, :2] + pose[:2]
@@ -57,15 +59,15 @@ def test_outlines_keep_their_clearance_and_the_region(models, seed):
 
 
 def test_the_generator_alone_decides(models):
-    first, second = (lay_out(models, np.random.default_rng(7), REGION, 0.02) for _ in range(2))
-    other = lay_out(models, np.random.default_rng(8), REGION, 0.02)
+    first, second = (lay_out(models, np.random.default_rng(7), REGION, clearance=0.02) for _ in range(2))
+    other = lay_out(models, np.random.default_rng(8), REGION, clearance=0.02)
     assert np.array_equal(first, second)
     assert not np.allclose(first, other)
 
 
 def test_objects_that_do_not_fit_are_named(models):
     with pytest.raises(PlacementError, match=r"stapler_0001.*clearance=0.5"):
-        lay_out(models, np.random.default_rng(0), REGION, 0.5)
+        lay_out(models, np.random.default_rng(0), REGION, clearance=0.5)
 
 
 @pytest.mark.parametrize(

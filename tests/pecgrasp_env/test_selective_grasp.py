@@ -116,7 +116,7 @@ def test_unbatched_it_is_a_plain_gymnasium_environment():
     assert info["target"] in LARS_CLASSES
     obs, reward, terminated, truncated, info = environment.step(environment.action_space.sample())
     assert environment.observation_space.contains(obs)
-    assert -0.4 <= float(reward) <= 1.0
+    assert -1.2 <= float(reward) <= 1.0
     assert not terminated
     assert not truncated
     environment.close()
@@ -235,7 +235,7 @@ def test_neither_class_nor_number_tells_the_target(env):
     for seed in range(16):
         _, info = env.reset(seed=seed)
         targets.add(info["target"][0])
-        slots.add(int(env.unwrapped._target_slot[0]))
+        slots.add(int(env.unwrapped.is_target[0].nonzero()))
     assert targets == set(LARS_CLASSES)
     assert slots == {0, 1, 2}
 
@@ -282,7 +282,7 @@ def test_an_object_in_the_air_that_nobody_holds_is_no_success(env):
     """Thrown up, it passes every height; and another one in the air is the wrong one."""
     env.reset(seed=2)
     task = env.unwrapped
-    slot = int(task._target_slot[0])
+    slot = int(task.is_target[0].nonzero())
     for thrown, wrong in ((slot, False), ((slot + 1) % 3, True)):
         env.reset(seed=2)
         task.objects[thrown].set_linear_velocity(torch.tensor([[0.0, 0.0, 2.5]]))
@@ -302,7 +302,7 @@ def test_dense_rewards_keep_their_bounds(env):
         action = rng.uniform(space.low, space.high).astype(np.float32)
         action[:6] = HOME[:6] + rng.uniform(-0.8, 0.8, 6)
         _, reward, terminated, _, _ = env.step(action)
-        assert -2.0 <= float(reward) <= 5.0
+        assert -6.0 <= float(reward) <= 5.0
         if terminated:
             env.reset()
 
@@ -314,7 +314,10 @@ def test_dense_rewards_keep_their_bounds(env):
     ("kwargs", "error", "words"),
     [
         ({"n_objects": 0}, TaskError, "n_objects=0"),
-        ({"n_objects": 6}, TaskError, "n_objects=6"),
+        ({"n_objects": 9}, TaskError, "n_objects=9"),
+        ({"n_objects": 1, "same_class_twins": True}, TaskError, "n_objects=1"),
+        ({"n_objects": 2, "classes": ("mouse",)}, TaskError, "n_objects=2"),
+        ({"clutter": "messy"}, TaskError, "clutter='messy'"),
         ({"sensor": "kinect"}, TaskError, "sensor='kinect'"),
         ({"resolution": "100x100"}, SensorError, "100x100"),
         ({"clearance": -0.1}, TaskError, "clearance=-0.1"),
