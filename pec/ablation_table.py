@@ -43,8 +43,14 @@ class Row:
         return "honest" if self.settings["protocol"]["selection"] == "validation" else "published"
 
     @property
+    def precision(self) -> str:
+        """Of the products in training; cells that were made before there was a choice say nothing."""
+        return self.settings["protocol"].get("precision", "float32")
+
+    @property
     def name(self) -> str:
-        return f"{self.settings['model']['name']}, {self.points} points, {self.order}, {self.protocol}"
+        name = f"{self.settings['model']['name']}, {self.points} points, {self.order}, {self.protocol}"
+        return name if self.precision == "float32" else f"{name}, {self.precision}"
 
     def values(self, *path: str) -> list[float]:
         """What results.json has at `path`, of every seed that is done."""
@@ -123,6 +129,8 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
     head = ["model", "points", "order", "protocol", "epochs", "seeds", "best epoch %", "Wilson 95 %", "last epoch %"]
     head += ["train split %", "published %", "calibration error %", "parameters", "multiply-adds"]
     head += ["network ms", "raw cloud ms", "training s"]
+    reduced = any(row.precision != "float32" for row in rows)
+    head += ["precision"] if reduced else []
     differing = _differing(rows)
     head += ["other settings"] if differing else []
     lines = [f"# {title}", "", " | ".join(head), " | ".join(["---"] * len(head))]
@@ -148,6 +156,7 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
             ]
         else:
             fields += ["–", "0", *["–"] * 4, "–" if published is None else f"{published:g}", *["–"] * 6]
+        fields += [row.precision] if reduced else []
         fields += [", ".join(f"{name}={_flat(row.settings)[name]}" for name in differing)] if differing else []
         lines.append(" | ".join(fields))
     lines += [
@@ -155,7 +164,8 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
         "Accuracies are of the test split, mean ± standard deviation over the seeds; Wilson's interval is that of the "
         "mean accuracy on one test split. Protocol honest: the best epoch is that of validation, test is read once. "
         "Protocol published: the best epoch on the evaluation split itself, an optimistic figure. Train split: the "
-        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread.",
+        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread."
+        + (" Precision: of the products in training; all figures are of float32 networks." if reduced else ""),
     ]
     failures = [f"- {row.name}, {reason}" for row in rows for reason in row.missing]
     if failures:
@@ -177,6 +187,7 @@ def _csv(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -
                 "order": row.order,
                 "protocol": row.protocol,
                 "epochs": result["epochs"],
+                "precision": row.precision,
                 "seed": seed,
                 "best_epoch": best["epoch"],
                 "test_accuracy": best["test_accuracy"],
@@ -209,6 +220,7 @@ def _summaries(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], flo
                 "protocol": row.protocol,
                 "seeds": row.seeds,
                 "epochs": row.values("epochs"),
+                "precision": row.precision,
                 "test_accuracy": accuracies,
                 "mean": fmean(accuracies) if accuracies else None,
                 "deviation": stdev(accuracies) if len(accuracies) > 1 else None,
@@ -270,7 +282,7 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
 
 def _differing(rows: Sequence[Row]) -> list[str]:
     """Names of settings that are not the same in all rows and that no column says."""
-    said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs")
+    said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs", "protocol.precision")
     flat = [_flat(row.settings) for row in rows]
     names = sorted({name for settings in flat for name in settings if not name.startswith(said)})
     return [name for name in names if len({str(settings.get(name)) for settings in flat}) > 1]

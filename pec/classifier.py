@@ -39,6 +39,7 @@ class Classifier:
         self._checkpoint = checkpoint
         self._model = fast_forward(checkpoint.model)
         self._seed = seed
+        self._unused = np.random.default_rng(seed)
 
     @classmethod
     def load(
@@ -102,7 +103,8 @@ class Classifier:
 
     def _views(self, points: np.ndarray) -> np.ndarray:
         preprocess = self._checkpoint.preprocess
-        return preprocess.views(preprocess.sample(points, np.random.default_rng(self._seed)))
+        rng = np.random.default_rng(self._seed) if preprocess.draws else self._unused
+        return preprocess.views(preprocess.sample(points, rng))
 
     def _predict(self, views: list[np.ndarray]) -> list[Prediction]:
         """Of each cloud's inputs (V, n_points, 3)."""

@@ -161,6 +161,11 @@ class Preprocess:
         """In how many equally valid poses a cloud can be arranged: 4 where the signs of two axes are open."""
         return 1 if self.pose == "given" else 4
 
+    @property
+    def draws(self) -> bool:
+        """Whether chance has a part in `sample`."""
+        return self.sampling == "random" or self.start == "random"
+
     def sample(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Centred candidates (K, 3) float32, n_points ≤ K ≤ n_candidates, of a raw cloud (N, 3) in metres.
 

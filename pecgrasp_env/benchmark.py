@@ -17,9 +17,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from grasping import Segmenter
+from pecgrasp_env.benchmark_classification import classification, training
 from pecgrasp_env.benchmark_generation import generation
 from pecgrasp_env.benchmark_planning import planning
-from pecgrasp_env.objects import LARS_CLASSES, make_object
 from pecgrasp_env.timing import Row, Timing, line_of, rows_of, side_by_side
 
 _TREE = "k-d tree of the frame"
@@ -36,6 +36,7 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
         "segmentation": segmentation,
         "planning": planning,
         "classification": classification,
+        "training": training,
         "generation": generation,
         "environment": environment,
     }
@@ -80,33 +81,6 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
             if row["name"] == "default" and resolution in targets:
                 row["at_most_ms"] = float(targets[resolution])
             rows.append(row)
-    return rows
-
-
-def classification(settings: Mapping[str, Any]) -> list[Row]:
-    """Preprocessing and PEC, one cloud at a time, ours and as published, beside a k-d tree of the same cloud."""
-    import torch
-
-    from pec import PEC, Classifier
-    from pec.checkpoint import Checkpoint
-    from pec.config import DatasetConfig, TrainConfig
-    from pec.preprocess import Preprocess
-
-    torch.manual_seed(settings["seed"])
-    classes = list(LARS_CLASSES)
-    n_points = 64
-    published = Preprocess(n_points=n_points, n_candidates=n_points, ordering="groups", group_size=16)
-    ways = {"default": TrainConfig(DatasetConfig(""), "").preprocess, "published": published}
-    model = PEC(n_points, len(classes)).eval()  # weights do not matter to the time
-    mesh = make_object("stapler", settings["seed"]).visual_mesh()
-    rows = []
-    for n in settings["classified_sizes"]:
-        points = np.asarray(mesh.sample(n, seed=settings["seed"]), np.float32)
-        routines: dict[str, Callable[[], Any]] = {"k-d tree": partial(cKDTree, points)}
-        for name, way in ways.items():
-            classifier = Classifier(Checkpoint(model, classes, way, 1.0, 0))
-            routines[name] = partial(classifier.predict, points)
-        rows += rows_of(side_by_side(routines, settings["repeats"]), "k-d tree", f"{n:,} points, {n_points} taken")
     return rows
 
 

@@ -68,4 +68,5 @@ def line_of(row: Row) -> str:
     other = f"{row['rate']:>10.1f} {row['unit']}" if "rate" in row else f"{row['cpu_ms']:>10.3f} ms of processor"
     target = f"   at most {row['at_most_ms']:g} ms" if "at_most_ms" in row else ""
     target += f"   at least {row['at_least']:g}" if "at_least" in row else ""
+    target += f"   150 epochs: {row['extrapolated_s']:.0f} s, extrapolated" if "extrapolated_s" in row else ""
     return f"{head}{row['wall_ms']:>10.3f} ms{other:<30}{row['times_yardstick']:>9.2f} x{target}"

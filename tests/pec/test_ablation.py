@@ -118,6 +118,18 @@ def test_table_says_what_the_cells_measured(grid):
     assert "groups of 7, honest, seed 0: ConfigError: preprocess.group_size 7 does not divide" in markdown
 
 
+def test_table_says_where_training_was_not_in_float32(shapes, grid, tmp_path):
+    assert "precision" not in write_table(grid, "A title", [])
+    run_cell(_settings(shapes, tmp_path))
+    run_cell(_settings(shapes, tmp_path, protocol={"precision": "bfloat16"}))
+    head, _, *lines = write_table(tmp_path, "A title", []).splitlines()[2:6]
+    place = head.split(" | ").index("precision")
+    assert sorted(line.split(" | ")[place] for line in lines) == ["bfloat16", "float32"]
+    assert "protocol.precision" not in head
+    with (tmp_path / "table.csv").open(newline="") as file:
+        assert sorted(line["precision"] for line in csv.DictReader(file)) == ["bfloat16", "float32"]
+
+
 def test_csv_and_json_have_a_line_a_cell(grid):
     write_table(grid, "A title", [{"points": 64, "group": 4, "accuracy": 93}])
     with (grid / "table.csv").open(newline="") as file:

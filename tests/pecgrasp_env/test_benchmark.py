@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from pec.models import MODELS
 from pecgrasp_env.benchmark import run_benchmark, side_by_side
 
 SMALL = {"seed": 0, "repeats": 1, "cloud_sizes": [256], "classified_sizes": [300]}
@@ -25,6 +26,28 @@ def test_a_part_reports_every_routine_beside_its_yardstick(part: str) -> None:
     assert rows[0]["times_yardstick"] == 1
     assert all(row["wall_ms"] > 0 and row["cpu_ms"] > 0 for row in rows)
     assert all(any(row["name"] in line and row["what"] in line for line in told) for row in rows)
+
+
+def test_classification_is_timed_beside_its_target_and_the_rivals() -> None:
+    settings = {**SMALL, "parts": ["classification"], "classify_at_most_ms": {300: 1}}
+    rows = run_benchmark(settings, lambda line: None)["classification"]
+    ours, rivals = ["default", "published", "pec2 upright"], [name for name in MODELS if not name.startswith("pec")]
+    assert [row["name"] for row in rows] == ["k-d tree", *ours, *rivals, *ours]
+    assert [row["name"] for row in rows if row.get("at_most_ms") == 1] == ours
+    assert all("6 clouds at once" in row["what"] for row in rows[-3:])
+
+
+@pytest.mark.slow
+def test_training_is_extrapolated_from_a_few_epochs() -> None:
+    told: list[str] = []
+    settings = {**SMALL, "parts": ["training"], "training_epochs": 1, "training_threads": 1, "train_at_most_s": 150}
+    floor, *rows = run_benchmark(settings, told.append)["training"]
+    assert floor["times_yardstick"] == 1
+    assert [row["name"] for row in rows] == ["float32", "bfloat16"]
+    for row in rows:
+        assert row["extrapolated_s"] == pytest.approx(0.15 * row["wall_ms"])
+        assert row["at_most_ms"] == 1000
+    assert sum("150 epochs" in line and "extrapolated" in line for line in told) == 2
 
 
 def test_segmentation_is_timed_on_the_wrist_camera_s_frame_beside_its_target() -> None:
