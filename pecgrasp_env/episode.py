@@ -36,7 +36,7 @@ class Episode:
     that did.
     objects: the instances on the table. confidence: probability of the asked-for class of the object that was chosen
     last. stages: seconds of computing, by stage, one number a call.
-    disturbance_m: how far the object that was moved most, of those not asked for, was moved; None where nobody says.
+    disturbance_m: how far the object that was moved most, of those not asked for, was moved; None where there is none.
     """
 
     seed: int
@@ -84,7 +84,7 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
             break
         truncated = bool(time_out)
         after += policy.done
-    log = policy.log
+    log, models = policy.log, task.models[0]
     return Episode(
         seed=seed,
         target=task.target_names[0],
@@ -94,9 +94,9 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
         steps=int(info["elapsed_steps"]),
         views=log.views,
         confidence=log.confidence,
-        objects=[model.instance for model in task.models[0]],
+        objects=[model.instance for model in models],
         stages={name: [round(each, 6) for each in seconds] for name, seconds in log.stages.items()},
-        disturbance_m=float(info["disturbance_m"]) if "disturbance_m" in info else None,
+        disturbance_m=round(float(info["disturbance_m"]), 6) if len(models) > 1 and "disturbance_m" in info else None,
     )
 
 

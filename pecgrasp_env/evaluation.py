@@ -32,7 +32,8 @@ class EvaluationError(ValueError):
 class Protocol:
     """What is evaluated; plain values, so that it can be hashed and sent to a process.
 
-    env: keyword arguments of SelectiveGrasp-v1; ``objects`` may be a mapping of arguments of `open_objects`.
+    env: keyword arguments of SelectiveGrasp-v1; ``objects`` may be a mapping of arguments of `open_objects`. Without
+    ``classes`` they are all of a mesh folder, and the environment's own of the catalogue.
     checkpoint: directory of the classifier; None where there is one class, of which everything seen then is.
     planner: Hydra-like mapping with ``_target_``. policy: keyword arguments of `ScriptedPolicy`.
     """
@@ -45,11 +46,12 @@ class Protocol:
     def make_env(self, **kwargs: Any) -> gym.Env:
         from pecgrasp_env.objects import open_objects
 
-        arguments = dict(self.env)
-        if isinstance(arguments.get("objects"), dict):
-            arguments["objects"] = open_objects(**arguments["objects"], classes=arguments.get("classes"))
-        if arguments.get("classes") is None:
-            arguments.pop("classes", None)
+        arguments = {name: value for name, value in self.env.items() if (name, value) != ("classes", None)}
+        objects = arguments.get("objects")
+        if isinstance(objects, dict):
+            arguments["objects"] = open_objects(**objects, classes=arguments.get("classes"))
+            if objects.get("path") is not None:
+                arguments["classes"] = arguments["objects"].classes  # of a folder, all that it has
         return gym.make(
             "SelectiveGrasp-v1",
             **{
@@ -132,7 +134,11 @@ def read_episodes(folder: Path) -> list[Episode]:
     """All episodes in a folder, by seed. A line that is being written, or was cut off by a crash, is none."""
     known: dict[int, Episode] = {}
     for journal in sorted(folder.glob("episodes*.jsonl")):
-        for line in journal.read_bytes().splitlines(keepends=True):
+        try:
+            content = journal.read_bytes()
+        except FileNotFoundError:  # another job has just joined all journals
+            return read_episodes(folder)
+        for line in content.splitlines(keepends=True):
             if line.endswith(b"\n"):
                 episode = Episode(**json.loads(line))
                 if episode.seed not in known or known[episode.seed].outcome == "error":

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from pecgrasp_env.capture import Part
 from pecgrasp_env.episode import OUTCOMES, Episode
@@ -79,6 +80,18 @@ def test_no_workers_and_no_classifier_are_refused(tmp_path):
 
 
 # In the simulator
+
+
+def test_the_classes_of_a_mesh_folder_are_those_that_may_be_asked_for(tmp_path):
+    for name in ("brick", "stick"):
+        (tmp_path / name).mkdir()
+        size = (0.05, 0.05, 0.04) if name == "brick" else (0.12, 0.02, 0.02)
+        trimesh.creation.box(size).export(tmp_path / name / "one.ply")
+    protocol = Protocol({"n_objects": 2, "classes": None, "objects": {"path": str(tmp_path)}}, None, {}, {})
+    env = protocol.make_env(obs_mode="state", render_backend="none")
+    assert env.unwrapped.classes == ("brick", "stick")
+    assert env.reset(seed=0)[1]["target"][0] in ("brick", "stick")
+    env.close()
 
 
 @pytest.fixture(scope="module")
