@@ -77,7 +77,10 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
     after = 0
     truncated = False
     while after < _SETTLING_STEPS and not truncated:
-        obs, _, terminated, time_out, info = env.step(policy.act(obs))
+        action = policy.act(obs)
+        if policy.log.reason is not None:
+            task.set_planner_reason(policy.log.reason)
+        obs, _, terminated, time_out, info = env.step(action)
         if on_step is not None:
             on_step(env)
         if bool(terminated):

@@ -12,7 +12,7 @@ from grasping.viewer import page
 from pecgrasp_env.charts import bars
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation_cells import Cell
-from pecgrasp_env.evaluation_tables import Evaluation, p_value, progress_of
+from pecgrasp_env.evaluation_tables import FIRST_TRY, Evaluation, p_value, progress_of
 from pecgrasp_env.failure_pictures import KINDS
 from pecgrasp_env.paired import ALL
 from pecgrasp_env.proportions import wilson_interval
@@ -104,21 +104,21 @@ def _share(episodes: Sequence[Episode]) -> str:
 def _outcomes(cells: Sequence[Cell]) -> str:
     counts = {cell.key: Counter(episode.outcome for episode in cell.episodes) for cell in cells}
     shown = [name for name in OUTCOMES if any(count[name] for count in counts.values())]
-    moved_by = {cell.key: summarise(cell.episodes)["disturbance_mm"] for cell in cells if cell.episodes}
+    summaries = {cell.key: summarise(cell.episodes) for cell in cells if cell.episodes}
     rows = []
     for cell in cells:
-        n = len(cell.episodes)
+        summary = summaries.get(cell.key)
         fields = [f"<td>{_name(cell.scene)}</td><td>{_name(cell.planner)}</td><td>{progress_of(cell)}</td>"]
-        for outcome in shown:
-            count = counts[cell.key][outcome]
-            if not n:
-                fields.append('<td class="none">–</td>')
-                continue
-            low, high = wilson_interval(count, n)
-            kind = ' class="none"' if not count else ""
-            fields.append(f"<td{kind}>{count}<small>{100 * low:.1f}–{100 * high:.1f} %</small></td>")
-        moved = moved_by.get(cell.key)
-        fields.append(f"<td>{moved['median']:.1f} / {moved['p95']:.1f}</td>" if moved else '<td class="none">–</td>')
+        if summary is None:
+            fields.append('<td class="none">–</td>' * (len(shown) + 2))
+        else:
+            for share in (*(summary["outcomes"][outcome] for outcome in shown), summary["first_try"]):
+                low, high = share["interval"]
+                kind = "" if share["count"] else ' class="none"'
+                fields.append(f"<td{kind}>{share['count']}<small>{100 * low:.1f}–{100 * high:.1f} %</small></td>")
+            moved = summary["disturbance_mm"]
+            text = f"<td>{moved['median']:.1f} / {moved['p95']:.1f}</td>" if moved else '<td class="none">–</td>'
+            fields.append(text)
         rows.append("".join(fields))
     words = [OUTCOME_WORDS[name][0] for name in shown]
     stopped = "".join(
@@ -126,7 +126,7 @@ def _outcomes(cells: Sequence[Cell]) -> str:
         for cell in cells
         if cell.error is not None
     )
-    head = ["scene", "planner", "episodes", *words, "another object moved, mm: median / 95 %"]
+    head = ["scene", "planner", "episodes", *words, FIRST_TRY, "another object moved, mm: median / 95 %"]
     return _table(head, rows) + stopped
 
 

@@ -15,8 +15,9 @@ from typing import Any
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation_cells import Cell, read_cells
 from pecgrasp_env.paired import ALL, Comparison, compare
-from pecgrasp_env.proportions import wilson_interval
 from pecgrasp_env.summary import summarise
+
+FIRST_TRY = "lifted, and no try failed before"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ def _success(evaluation: Evaluation) -> list[str]:
         fields = [scene.replace("_", " ")]
         for planner in planners:
             episodes = evaluation.episodes(scene, planner)
-            fields.append(share_of(episodes, "success") + f", n = {len(episodes)}" if episodes else "–")
+            lifted = share_of(summarise(episodes)["outcomes"]["success"]) if episodes else ""
+            fields.append(f"{lifted}, n = {len(episodes)}" if episodes else "–")
         for figures in published.values():
             mean = sum(figures.values()) / len(figures) if figures else None
             figure = mean if scene == ALL else figures.get(scene)
@@ -97,26 +99,27 @@ def _success(evaluation: Evaluation) -> list[str]:
     return lines
 
 
-def share_of(episodes: Sequence[Episode], outcome: str) -> str:
-    """ "97.5 (94.3–98.9)": share and interval in %."""
-    count, n = sum(episode.outcome == outcome for episode in episodes), len(episodes)
-    low, high = wilson_interval(count, n)
-    return f"{100 * count / n:.1f} ({100 * low:.1f}–{100 * high:.1f})"
+def share_of(share: Mapping[str, Any]) -> str:
+    """ "97.5 (94.3–98.9)": share and interval in %, of a summary."""
+    low, high = share["interval"]
+    return f"{100 * share['share']:.1f} ({100 * low:.1f}–{100 * high:.1f})"
 
 
 def _outcomes(cells: Sequence[Cell]) -> list[str]:
     words = [OUTCOME_WORDS[name][0] for name in OUTCOMES]
-    lines = _head(["scene", "planner", "episodes", *words, "another object moved, mm: median / 95 %", "steps"])
+    head = ["scene", "planner", "episodes", *words, FIRST_TRY]
+    lines = _head([*head, "another object moved, mm: median / 95 %", "steps"])
     for cell in cells:
         fields = [cell.scene.replace("_", " "), cell.planner, progress_of(cell)]
         if cell.episodes:
             summary = summarise(cell.episodes)
             moved = summary["disturbance_mm"]
-            fields += [share_of(cell.episodes, name) for name in OUTCOMES]
+            fields += [share_of(summary["outcomes"][name]) for name in OUTCOMES]
+            fields.append(share_of(summary["first_try"]))
             fields.append("–" if moved is None else f"{moved['median']:.1f} / {moved['p95']:.1f}")
             fields.append(f"{summary['mean_steps']:.0f}")
         else:
-            fields += ["–"] * (len(OUTCOMES) + 2)
+            fields += ["–"] * (len(OUTCOMES) + 3)
         lines.append(_row(fields))
     return lines
 
@@ -181,7 +184,7 @@ def _row(fields: Sequence[str]) -> str:
 def as_csv(cells: Sequence[Cell]) -> str:
     """A line a cell."""
     text = io.StringIO()
-    shares = [f"{name}{suffix}" for name in OUTCOMES for suffix in ("", "_low", "_high")]
+    shares = [f"{name}{suffix}" for name in (*OUTCOMES, "first_try") for suffix in ("", "_low", "_high")]
     names = ["scene", "planner", "episodes", "wanted", *shares]
     names += ["disturbance_median_mm", "disturbance_p95_mm", "mean_steps", "stage_ms", "error", "settings"]
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -191,8 +194,7 @@ def as_csv(cells: Sequence[Cell]) -> str:
         line |= {"wanted": cell.wanted, "error": cell.error, "settings": json.dumps(cell.settings, sort_keys=True)}
         if cell.episodes:
             summary = summarise(cell.episodes)
-            for name in OUTCOMES:
-                row = summary["outcomes"][name]
+            for name, row in (summary["outcomes"] | {"first_try": summary["first_try"]}).items():
                 line |= {name: row["share"], f"{name}_low": row["interval"][0], f"{name}_high": row["interval"][1]}
             moved = summary["disturbance_mm"] or {}
             line |= {"disturbance_median_mm": moved.get("median"), "disturbance_p95_mm": moved.get("p95")}

@@ -16,13 +16,15 @@ from pecgrasp_env.proportions import wilson_interval
 def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     """Counts, shares and Wilson intervals of each outcome, in all and for each asked-for class; reasons; times [ms].
 
-    `reasons` are those of giving up, `failures` those of single tries; numbers in them are replaced by #.
+    `first_try` counts successes before which no try failed. `reasons` are those of giving up, `failures` those of
+    single tries; numbers in them are replaced by #.
     """
     targets = sorted({episode.target for episode in episodes if episode.outcome != "error"})
     disturbances = [1000 * e.disturbance_m for e in episodes if e.disturbance_m is not None]
     return {
         "episodes": len(episodes),
         "outcomes": _shares(episodes),
+        "first_try": _share(sum(e.outcome == "success" and not e.failures for e in episodes), len(episodes)),
         "by_class": {name: _shares([e for e in episodes if e.target == name]) for name in targets},
         "reasons": _counts([e.reason for e in episodes if e.reason is not None]),
         "failures": _counts([text for e in episodes for text in e.failures]),
@@ -47,11 +49,11 @@ def table(summary: dict[str, Any]) -> str:
 
 def _shares(episodes: Sequence[Episode]) -> dict[str, Any]:
     counts = Counter(episode.outcome for episode in episodes)
-    n = len(episodes)
-    return {
-        name: {"count": counts[name], "share": counts[name] / n, "interval": list(wilson_interval(counts[name], n))}
-        for name in OUTCOMES
-    }
+    return {name: _share(counts[name], len(episodes)) for name in OUTCOMES}
+
+
+def _share(count: int, n: int) -> dict[str, Any]:
+    return {"count": count, "share": count / n, "interval": list(wilson_interval(count, n))}
 
 
 def _counts(texts: Sequence[str]) -> dict[str, int]:

@@ -21,7 +21,7 @@ from PIL import Image
 from grasping import CurvaturePlanner
 from pecgrasp_env.code_version import code_version
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
-from pecgrasp_env.evaluation import read_episodes
+from pecgrasp_env.evaluation import Protocol, read_episodes
 from pecgrasp_env.evaluation_cells import cell_key, read_cells, run_cell
 from pecgrasp_env.evaluation_page import render
 from pecgrasp_env.evaluation_sweep import write_evaluation
@@ -61,6 +61,15 @@ def test_a_configuration_says_what_a_cell_is(overrides, scene, n_objects):
     assert isinstance(instantiate(settings["planner"]), CurvaturePlanner)
     is_grid = any("experiment" in text for text in overrides)
     assert hydra["hydra"]["mode"] == (RunMode.MULTIRUN if is_grid else None)
+
+
+def test_the_hardest_cell_makes_an_environment():
+    settings = resolved("experiment=selective", "checkpoint=x", "env.n_objects=8", "env.clutter=close")[1]
+    protocol = Protocol(settings["env"], None, settings["planner"], {})
+    env = protocol.make_env(obs_mode="state", render_backend="none")
+    assert env.unwrapped.n_objects == 8
+    assert env.unwrapped.clutter == "close"
+    env.close()
 
 
 def test_the_grids_are_those_of_the_tables():
@@ -152,12 +161,13 @@ def test_the_table_says_what_the_cells_hold(grid):
     assert lines[5] == "| mug | 100.0 (51.0–100.0), n = 4 | – | 70 |"
     assert lines[6] == "| all | 85.7 (60.1–96.0), n = 14 | 30.0 (10.8–60.3), n = 10 | 80 |"
     assert "| can | default | 10 | 80.0 (49.0–94.3) | 10.0 (1.8–40.4) |" in text
+    assert "| 0.0 (0.0–27.8) | 80.0 (49.0–94.3) | 5.5 / 9.5 | 70 |" in text  # no error, first try, moved mm, steps
+    assert "| 0.0 (0.0–27.8) | 0.0 (0.0–27.8) | 5.5 / 9.5 | 70 |" in text  # of the other no try was the first
     assert "| mug | default | 4 of 6 |" in text
     assert "| can | default | centroid | 2 | 6 | 1 | 1 | +50.0 | 0.12 |" in text
     assert "| can | centroid | 20.0 / 30.0 | 2.0 / 2.0 |" in text
     assert "- can, centroid, gave up: empty × 10" in text
     assert "closed on nothing × 10" in text
-    assert "5.5 / 9.5" in text  # millimetres that another object was moved
     assert text.endswith("So.\n")
 
 

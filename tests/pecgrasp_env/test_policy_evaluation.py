@@ -159,6 +159,8 @@ def test_the_summary_counts_by_outcome_and_class():
     }
     assert set(summary["outcomes"]) == set(OUTCOMES)
     assert summary["by_class"]["mouse"]["success"]["share"] == pytest.approx(2 / 3)
+    assert summary["first_try"]["count"] == 2
+    assert summarise([replace(episodes[0], failures=["x"])])["first_try"]["count"] == 0
     assert summary["reasons"] == {"because of # mm": 2}
     assert summary["failures"] == {"# mm off": 2}
     assert summary["stage_ms"]["segment"] == pytest.approx({"median": 10.0, "p95": 36.5, "most": 40.0, "n": 8})
