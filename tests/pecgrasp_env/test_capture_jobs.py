@@ -147,22 +147,33 @@ def test_parts_that_do_not_exist_are_refused(text):
 
 
 @pytest.mark.slow
-def test_a_launcher_shares_the_work_and_the_plain_command_merges(tmp_path):
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    out = tmp_path / "data"
-    settings = [f"out={out}", "objects.classes=[can,plug_adapter]", "samples_per_instance=6", "shard_size=3"]
+@pytest.mark.parametrize(
+    ("launcher", "plugin", "jobs"),
+    [("joblib", "hydra_joblib_launcher", 2), ("submitit_local", "hydra_submitit_launcher", 4)],
+)
+def test_a_launcher_shares_the_work_and_the_plain_command_merges(tmp_path, launcher, plugin, jobs):
+    pytest.importorskip(f"hydra_plugins.{plugin}")
+    parts = ",".join(f"{i}/{jobs}" for i in range(jobs))
+    settings = ["objects.classes=[can,plug_adapter]", "samples_per_instance=6", "shard_size=3"]
     settings += ["workers=1", "progress=false", "sensor.resolution=424x240"]
-    script = [sys.executable, "scripts/generate_dataset.py"]
-    swept = subprocess.run(
-        [*script, "-m", "shard=0/2,1/2", "hydra/launcher=joblib", *settings], cwd=ROOT, capture_output=True, text=True
-    )
-    assert swept.returncode == 0, swept.stderr
-    assert (out / "results.0of2.json").is_file()
-    assert not (out / "manifest.json").exists()
-    merged = subprocess.run([*script, *settings], cwd=ROOT, capture_output=True, text=True)
-    assert merged.returncode == 0, merged.stderr
-    assert json.loads((out / "results.json").read_text())["new_clouds"] == 0
-    assert len(load_dataset(out)) == 24
+
+    def run(out: Path, *more: str) -> Path:
+        script = [sys.executable, str(ROOT / "scripts/generate_dataset.py"), *more, f"out={out}", *settings]
+        done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True)  # jobs leave their logs there
+        assert done.returncode == 0, done.stderr
+        return out
+
+    shared = run(tmp_path / "shared", "-m", f"shard={parts}", f"hydra/launcher={launcher}")
+    assert len(list(shared.glob("results.*of*.json"))) == len(list(shared.glob("manifest.*of*.json"))) == jobs
+    assert not (shared / "manifest.json").exists()
+    run(shared)
+    assert json.loads((shared / "results.json").read_text())["new_clouds"] == 0
+    assert len(load_dataset(shared)) == 24
+    alone = contents(run(tmp_path / "alone"))
+    data = [name for name in alone if name.startswith(("manifest", "splits", "card", "shards"))]
+    assert len(data) == 3 + 8
+    merged = contents(shared)
+    assert {name: merged[name] for name in data} == {name: alone[name] for name in data}
 
 
 # Disturbed
