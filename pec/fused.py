@@ -1,7 +1,7 @@
-"""PEC for prediction: the same function in eleven matrix products, several times faster on a CPU than its layers.
+"""PEC for prediction: the same function in seventeen matrix products, several times faster on a CPU than its layers.
 
 Batch norm is folded into the convolutions, a dense layer that no activation parts from its successor becomes part of
-it, the first convolution is one dense layer of all coordinates, and each further one a product of gathered rows.
+it, the first convolution is one dense layer of all coordinates, and each further one a product for each output.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ class FusedPEC:
     @torch.no_grad()
     def __call__(self, points: torch.Tensor) -> torch.Tensor:
         batch = len(points)
-        # (B, 3, channels) throughout, so that a product runs over the channels.
-        x = _product(points.flatten(1), *self._first).relu_().view(batch, 3, -1)
+        # (B, 3 · channels) throughout, a channel fastest, so that a product runs over the channels.
+        x = _product(points.flatten(1), *self._first).relu_()
         for weight, bias in self._encoder:
-            x = _product(_windows(x, 3), weight, bias).relu_().view(batch, 3, -1)
-        x = _product(x.flatten(1), *self._bottleneck)
-        x = _product(x, *self._expand).relu_().view(batch, 2, -1)
-        x = _product(_windows(x, 2), *self._second).relu_()
-        x = _product(x, *self._third).sigmoid_()
+            x = _convolved(x, weight, bias, x.shape[1] // 3).relu_()
+        x = _product(x, *self._bottleneck)
+        x = _product(x, *self._expand).relu_()
+        x = _convolved(x, *self._second, x.shape[1] // 2).relu_()
+        x = _product(x.view(3 * batch, -1), *self._third).sigmoid_()
         x = _product(x, *self._head[0]).relu_().view(batch, -1)
         x = _product(x, *self._head[1]).relu_()
         x = _product(x, *self._head[2]).relu_()
@@ -62,13 +62,17 @@ def _product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch
     return torch.addmm(bias, x, weight)
 
 
-def _windows(x: torch.Tensor, width: int) -> torch.Tensor:
-    """(B, length, channels), a zero before and after it → rows (B · 3, width · channels) of `width` neighbours each."""
-    batch, length, channels = x.shape
-    padded = x.new_zeros(batch, length + 2, channels)
-    padded[:, 1:-1] = x
-    rows = padded.as_strided((batch, 3, width * channels), (padded.stride(0), channels, 1))
-    return rows.reshape(batch * 3, width * channels)
+def _convolved(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, channels: int) -> torch.Tensor:
+    """(B, length · channels) → (B, 3 · out): the middle output sees all of the signal, the others all but an end of it.
+
+    weight (length · channels, out): of the middle output. Nothing is multiplied by the zeros beyond the ends.
+    """
+    out = weight.shape[1]
+    y = x.new_empty(len(x), 3 * out)
+    torch.addmm(bias, x[:, :-channels], weight[channels:], out=y[:, :out])
+    torch.addmm(bias, x, weight, out=y[:, out : 2 * out])
+    torch.addmm(bias, x[:, channels:], weight[:-channels], out=y[:, 2 * out :])
+    return y
 
 
 def _folded_convolution(
