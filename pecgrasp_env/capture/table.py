@@ -55,10 +55,17 @@ def background_depth(T_base_camera: np.ndarray, camera: CameraIntrinsics) -> np.
     x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
     y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy)[:, None]
     R, eye = T_base_camera[:3, :3], T_base_camera[:3, 3]
-    ray_x, ray_y, ray_z = (R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] for axis in range(3))
-    downward = ray_z < -1e-6
-    inverse = np.divide(-1.0, ray_z, out=np.zeros_like(ray_z), where=downward)
-    table = eye[2] * inverse
-    hit_x, hit_y = eye[0] + table * ray_x, eye[1] + table * ray_y
-    on_table = (hit_x > TABLE_X[0]) & (hit_x < TABLE_X[1]) & (hit_y > TABLE_Y[0]) & (hit_y < TABLE_Y[1])
-    return np.where(on_table, table, (eye[2] - FLOOR_Z) * inverse).astype(np.float32)
+
+    def over_pixels(normal: np.ndarray) -> np.ndarray:
+        """normal · ray, (H, W)."""
+        return (normal @ R)[0] * x + ((normal @ R)[1] * y + (normal @ R)[2])
+
+    downward = over_pixels(np.array([0.0, 0.0, -1.0]))
+    # A ray meets the table on the inner side of an edge where it runs on the inner side of the plane of eye and edge.
+    on_table = np.ones(downward.shape, bool)
+    for axis, (low, high) in enumerate((TABLE_X, TABLE_Y)):
+        across, up = eye[2] * np.eye(3)[axis], np.eye(3)[2]
+        on_table &= over_pixels(across + (low - eye[axis]) * up) > 0
+        on_table &= over_pixels(across + (high - eye[axis]) * up) < 0
+    drop = np.where(on_table, eye[2], eye[2] - FLOOR_Z)
+    return np.divide(drop, downward, out=np.zeros_like(downward), where=downward > 1e-6).astype(np.float32)

@@ -93,8 +93,9 @@ def apply_d435(
 
     hole = ~surface | (depth < intrinsics.min_depth) | stereo_shadow(disparity, intrinsics.first_column)
     flat = disparity.copy()
-    _break_edges(flat, hole, disparity, rng, params)
-    _drop_grazing(hole, disparity, intrinsics, rng, params)
+    steps = np.diff(disparity, axis=0), np.diff(disparity, axis=1)
+    _break_edges(flat, hole, disparity, steps, rng, params)
+    _drop_grazing(hole, disparity, steps, intrinsics, rng, params)
     _drop_patches(hole, intrinsics, rng, params)
 
     flat += np.float32(params.subpixel_error) * correlated_normal(depth.shape, rng)
@@ -153,16 +154,39 @@ def correlated_normal(shape: tuple[int, int], rng: np.random.Generator) -> np.nd
     return coarse[:height, :width] / np.float32(0.625)
 
 
+Steps = tuple[np.ndarray, np.ndarray]
+"""Differences of neighbours, (H - 1, W) down the rows and (H, W - 1) along them."""
+
+
 def _break_edges(
-    flat: np.ndarray, hole: np.ndarray, disparity: np.ndarray, rng: np.random.Generator, params: D435Noise
+    flat: np.ndarray,
+    hole: np.ndarray,
+    disparity: np.ndarray,
+    steps: Steps,
+    rng: np.random.Generator,
+    params: D435Noise,
 ) -> None:
     """Marks holes and moves flying pixels, in place, where neighbouring disparities jump."""
-    highest, lowest = disparity.copy(), disparity.copy()
-    for target, source in _neighbours():
-        np.maximum(highest[target], disparity[source], out=highest[target])
-        np.minimum(lowest[target], disparity[source], out=lowest[target])
-    edge = np.flatnonzero((np.maximum(highest - disparity, disparity - lowest) > params.edge_step) & ~hole)
-    here, high, low = disparity.ravel()[edge], highest.ravel()[edge], lowest.ravel()[edge]
+    jumps = [np.abs(step) > params.edge_step for step in steps]
+    at_edge = np.zeros(disparity.shape, bool)
+    at_edge[:-1] |= jumps[0]
+    at_edge[1:] |= jumps[0]
+    at_edge[:, :-1] |= jumps[1]
+    at_edge[:, 1:] |= jumps[1]
+    edge = np.flatnonzero(at_edge & ~hole)
+    height, width = disparity.shape
+    row, column = np.divmod(edge, width)
+    # Beyond the image's border a pixel is its own neighbour.
+    around = np.stack(
+        [
+            disparity[np.maximum(row - 1, 0), column],
+            disparity[np.minimum(row + 1, height - 1), column],
+            disparity[row, np.maximum(column - 1, 0)],
+            disparity[row, np.minimum(column + 1, width - 1)],
+        ]
+    )
+    here = disparity.reshape(-1)[edge]
+    high, low = np.maximum(around.max(axis=0), here), np.minimum(around.min(axis=0), here)
     other = np.where(high - here > here - low, high, low)
     fate, share = rng.random(len(edge), np.float32), rng.random(len(edge), np.float32)
     hole.reshape(-1)[edge] |= fate < params.edge_hole
@@ -171,18 +195,13 @@ def _break_edges(
     flat.reshape(-1)[edge[flying]] += (share * (other - here))[flying]
 
 
-def _neighbours() -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    every, first, last = slice(None), slice(None, -1), slice(1, None)
-    return [
-        ((every, last), (every, first)),
-        ((every, first), (every, last)),
-        ((last, every), (first, every)),
-        ((first, every), (last, every)),
-    ]
-
-
 def _drop_grazing(
-    hole: np.ndarray, disparity: np.ndarray, intrinsics: CameraIntrinsics, rng: np.random.Generator, params: D435Noise
+    hole: np.ndarray,
+    disparity: np.ndarray,
+    steps: Steps,
+    intrinsics: CameraIntrinsics,
+    rng: np.random.Generator,
+    params: D435Noise,
 ) -> None:
     """Marks holes, in place, where the surface is seen at a grazing angle.
 
@@ -194,8 +213,8 @@ def _drop_grazing(
     x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - intrinsics.cx)) / np.float32(intrinsics.fx)
     y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - intrinsics.cy)) / np.float32(intrinsics.fy)
     y = y[:, None]
-    a = _gentler_slope(disparity, 1) * np.float32(intrinsics.fx)
-    b = _gentler_slope(disparity, 0) * np.float32(intrinsics.fy)
+    a = _gentler_slope(steps[1], 1) * np.float32(intrinsics.fx)
+    b = _gentler_slope(steps[0], 0) * np.float32(intrinsics.fy)
     c = disparity - a * x - b * y
     squared_cosine = disparity * disparity / np.maximum((a * a + b * b + c * c) * (x * x + y * y + 1), 1e-12)
     start, end = np.cos(params.grazing_start), np.cos(params.grazing_end)
@@ -204,14 +223,15 @@ def _drop_grazing(
     hole.reshape(-1)[grazing] = rng.random(len(grazing), np.float32) < (start - cosine) / (start - end)
 
 
-def _gentler_slope(disparity: np.ndarray, axis: int) -> np.ndarray:
-    """Difference to the neighbour on the side where it is smaller: an edge beside a surface is no slope of it."""
+def _gentler_slope(step: np.ndarray, axis: int) -> np.ndarray:
+    """(H, W): of the steps to both neighbours along an axis the smaller: an edge beside a surface is no slope of it.
+
+    step: the differences along that axis; at the image's borders there is but one.
+    """
     every: tuple[slice, ...] = (slice(None),) * axis
-    first, last = (*every, slice(None, -1)), (*every, slice(1, None))
-    step = np.diff(disparity, axis=axis)
+    first, last, inner = (*every, slice(None, -1)), (*every, slice(1, None)), (*every, slice(1, -1))
     steepness = np.abs(step)
-    gentler = np.empty_like(disparity)
-    inner = (*every, slice(1, -1))
+    gentler = np.empty([size + (along == axis) for along, size in enumerate(step.shape)], step.dtype)
     gentler[inner] = np.where(steepness[first] < steepness[last], step[first], step[last])
     gentler[(*every, 0)], gentler[(*every, -1)] = step[(*every, 0)], step[(*every, -1)]
     return gentler
