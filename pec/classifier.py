@@ -90,29 +90,29 @@ class Classifier:
         fewer than `n_points` points; in a list it names which one.
         """
         if isinstance(points, np.ndarray):
-            return self._predict([self._views(points)])[0]
+            return self._predict([self._sample(points)])[0]
         predictions: list[Prediction] = []
         for begin in range(0, len(points), _TOGETHER):
-            views = []
+            samples = []
             for index, cloud in enumerate(points[begin : begin + _TOGETHER], begin):
                 try:
-                    views.append(self._views(cloud))
+                    samples.append(self._sample(cloud))
                 except CloudError as error:
                     raise CloudError(f"cloud {index}: {error}") from error
-            predictions += self._predict(views)
+            predictions += self._predict(samples)
         return predictions
 
-    def _views(self, points: np.ndarray) -> np.ndarray:
+    def _sample(self, points: np.ndarray) -> np.ndarray:
         preprocess = self._checkpoint.preprocess
         rng = np.random.default_rng(self._seed) if preprocess.draws else self._unused
-        return preprocess.views(preprocess.sample(points, rng))
+        return preprocess.sample(points, rng)
 
-    def _predict(self, views: list[np.ndarray]) -> list[Prediction]:
-        """Of each cloud's inputs (V, n_points, 3)."""
+    def _predict(self, samples: list[np.ndarray]) -> list[Prediction]:
         checkpoint = self._checkpoint
         with torch_threads(1), torch.no_grad():
             # All at once: of a few clouds, the time goes into reading the weights, not into their products.
-            logits = self._model(torch.from_numpy(np.concatenate(views))).view(len(views), len(views[0]), -1).tolist()
+            views = torch.from_numpy(checkpoint.preprocess.views(samples))
+            logits = self._model(views.flatten(0, 1)).view(*views.shape[:2], -1).tolist()
         predictions = []
         for of_cloud in logits:
             row = _probabilities(of_cloud, checkpoint.temperature)

@@ -17,6 +17,7 @@ nearest of 1,000 points says of a surface, the nearest of 128 says less exactly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,24 +204,34 @@ class Preprocess:
             order = nearest_candidates(candidates, valid, anchors, each_axis=self.anchor_unit == "axis")
         return candidates.gather(1, order[..., None].expand(-1, -1, 3))
 
-    def views(self, candidates: np.ndarray) -> np.ndarray:
-        """The network's inputs (n_views, n_points, 3) float32, of one cloud's centred candidates (K, 3) float32.
+    def views(self, samples: Sequence[np.ndarray]) -> np.ndarray:
+        """The network's inputs (B, n_views, n_points, 3) float32, of the candidates of B clouds as `sample` gives them.
 
         As `arrange` gives them in each of the equally valid poses, but for rounding; the poses come in any order.
         """
+        if kernels.AVAILABLE and self.ordering != "none":
+            return np.stack([self._compiled_views(candidates) for candidates in samples])
+        lengths = np.array([len(candidates) for candidates in samples])
+        padded = np.zeros((len(samples), lengths.max(), 3), np.float32)
+        for row, candidates in zip(padded, samples, strict=True):
+            row[: len(candidates)] = candidates
+        valid = torch.from_numpy(np.arange(lengths.max()) < lengths[:, None])
+        copies = torch.from_numpy(padded).repeat_interleave(self.n_views, dim=0)
+        view = torch.arange(self.n_views).repeat(len(samples))
+        inputs = self.arrange(copies, valid.repeat_interleave(self.n_views, dim=0), view)
+        return inputs.unflatten(0, (len(samples), self.n_views)).numpy()
+
+    def _compiled_views(self, candidates: np.ndarray) -> np.ndarray:
+        """`views` of one cloud's candidates (K, 3): (n_views, n_points, 3)."""
         if self.size == "unit":
             every = torch.ones(1, len(candidates), dtype=torch.bool)
             candidates = _of_unit_spread(torch.from_numpy(candidates)[None], every)[0].numpy()
-        if kernels.AVAILABLE and self.ordering == "groups":
+        if self.ordering == "groups":
             return candidates[kernels.group_order(candidates, self.group_size)][None]
-        if kernels.AVAILABLE and self.ordering == "anchors":
-            return kernels.arranged(
-                candidates,
-                anchor_positions(self.n_points).numpy(),
-                _SIGNS[self.pose],
-                principal=self.pose == "principal",
-                each_axis=self.anchor_unit == "axis",
-            )
-        copies = torch.from_numpy(candidates).expand(self.n_views, -1, -1)
-        valid = torch.ones(copies.shape[:2], dtype=torch.bool)
-        return self.arrange(copies, valid, torch.arange(self.n_views)).numpy()
+        return kernels.arranged(
+            candidates,
+            anchor_positions(self.n_points).numpy(),
+            _SIGNS[self.pose],
+            principal=self.pose == "principal",
+            each_axis=self.anchor_unit == "axis",
+        )

@@ -65,7 +65,7 @@ def test_each_position_takes_a_point_than_which_none_is_nearer_but_for_rounding(
     variance = (points**2).mean(axis=0)
     spread = np.maximum(np.sqrt(variance if unit == "axis" else variance.sum()), 1e-9)
     anchors = anchor_positions(64).double().numpy()
-    for view, signs in zip(preprocess.views(sample), MIRRORS, strict=True):
+    for view, signs in zip(preprocess.views([sample])[0], MIRRORS, strict=True):
         rows = set(map(tuple, (sample * np.float32(signs)).tolist()))
         assert all(tuple(point) in rows for point in view.tolist())
         taken = np.linalg.norm(view / spread - anchors, axis=1)
@@ -83,7 +83,7 @@ def test_principal_views_are_those_of_the_reference_but_for_near_ties(seed: int,
     sample = CANONICAL.sample(cloud, rng)
     copies, valid = torch.from_numpy(sample).expand(4, -1, -1), torch.ones(4, len(sample), dtype=torch.bool)
     left = list(CANONICAL.arrange(copies, valid, torch.arange(4)).numpy())
-    for view in CANONICAL.views(sample):  # in any order
+    for view in CANONICAL.views([sample])[0]:  # in any order
         apart = [int((np.abs(view - other).max(axis=1) > 1e-6).sum()) for other in left]
         assert min(apart) <= 1
         left.pop(int(np.argmin(apart)))
@@ -141,7 +141,8 @@ torch.manual_seed(0)
 cloud = np.random.default_rng(0).exponential(size=(500, 3)) * [0.1, 0.05, 0.02]
 for settings in ({}, {"n_candidates": 128, "start": "farthest", "pose": "principal", "ordering": "anchors"}):
     classifier = Classifier(Checkpoint(PEC(64, 3), ["a", "b", "c"], Preprocess(**settings), 0.01, 0))
-    print(*classifier.predict(cloud).probabilities.values())
+    for prediction in classifier.predict([cloud, cloud[:70], cloud[100:]]):  # of 70 points there are fewer candidates
+        print(*prediction.probabilities.values())
 """
 
 

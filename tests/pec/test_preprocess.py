@@ -216,11 +216,11 @@ def test_of_unit_size_a_cloud_is_the_same_at_every_scale_and_by_either_path(prep
     for scale in (1, 50):
         sample = preprocess.sample(scale * cloud, np.random.default_rng(1))
         inputs.append(preprocess.arrange(torch.from_numpy(sample)[None], torch.ones(1, len(sample), dtype=torch.bool)))
-        views = preprocess.views(sample)
+        views = preprocess.views([sample])[0]
         assert np.abs(views - inputs[0].numpy()).max(axis=(1, 2)).min() < 1e-4
     assert torch.allclose(*inputs, atol=1e-4)
     spread = np.sqrt((sample**2).sum(axis=1).mean())
-    kept = replace(preprocess, size="kept").views(sample)
+    kept = replace(preprocess, size="kept").views([sample])[0]
     assert np.allclose(kept, spread * views, atol=1e-3 * spread)
 
 
