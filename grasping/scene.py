@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasping.clouds import FARTHEST, as_cloud, unit_vector
 from grasping.errors import ConfigError, require_between
 from grasping.footprints import convex_outline, label_footprints, spacing
+from grasping.fragments import split_by_table
 from grasping.frames import Frame, Rejected, Scene
 from grasping.plane import SAMPLED, basis, find_table, fit_all
 from grasping.published_scene import PublishedSegmenter
@@ -104,6 +105,8 @@ class Segmenter:
         flat = frame.points.take(chosen, axis=0) @ level
         seen = frame.points.take(table[:: max(1, len(table) // 5000)], axis=0) @ level
         labels = label_footprints(flat, self.gap, spacing(seen, len(table)))
+        if frame.shape is not None:
+            labels = split_by_table(labels, chosen, flat, height, frame.shape, self.min_points)
         clusters = self._sort(frame, chosen, labels, height, flat, convex_outline(seen))
         return frame.scene(plane.equation, *clusters, hand, len(table))
 

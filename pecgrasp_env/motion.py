@@ -1,27 +1,26 @@
-"""Joint paths for the UR5: straight lines of the tool, time laws within joint speeds, and a check against the table."""
+"""Joint paths for the UR5: straight lines of the tool, and time laws within joint speeds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.robot.kinematics import COUPLER, DH, forward_kinematics, inverse_kinematics, nearest_solution
+from pecgrasp_env.robot.batch_kinematics import inverse_kinematics_batch
+from pecgrasp_env.robot.kinematics import JOINT_LIMITS, inverse_kinematics
 
 # rad/s and rad/s²: a third of what a UR5 can do, so that neither the arm overshoots nor the load slips.
 JOINT_SPEED = 1.0
 JOINT_ACCELERATION = 3.0
-_LINE_STEP_M = 0.01
+LINE_STEP_M = 0.02  # joints that turn evenly in between leave the line by less than 0.5 mm
 _LINE_STEP_RAD = 0.1
 # Greatest joint step between two points of a line; more is a jump to another branch of the inverse kinematics.
-_LARGEST_JOINT_STEP = 0.35
+LARGEST_JOINT_STEP = 0.35
 
 
 class MotionError(ValueError):
-    """No joint path: out of reach, through a singularity, or a link would come below its least height."""
+    """No joint path: out of reach, through a singularity, or something is in the way."""
 
 
 def straight_line(q_start: np.ndarray, T_base_start: np.ndarray, T_base_end: np.ndarray) -> np.ndarray:
@@ -33,21 +32,41 @@ def straight_line(q_start: np.ndarray, T_base_start: np.ndarray, T_base_end: np.
     shift = T_base_end[:3, 3] - T_base_start[:3, 3]
     ends = Rotation.from_matrix([T_base_start[:3, :3], T_base_end[:3, :3]])
     angle = (ends[0].inv() * ends[1]).magnitude()
-    n_steps = max(1, int(np.ceil(max(np.linalg.norm(shift) / _LINE_STEP_M, angle / _LINE_STEP_RAD))))
+    n_steps = max(1, int(np.ceil(max(np.linalg.norm(shift) / LINE_STEP_M, angle / _LINE_STEP_RAD))))
     fractions = np.linspace(0.0, 1.0, n_steps + 1)[1:]
-    rotations = Slerp([0.0, 1.0], ends)(fractions).as_matrix()
-    waypoints = [np.asarray(q_start, float)]
-    for fraction, rotation in zip(fractions, rotations, strict=True):
-        T = np.eye(4)
-        T[:3, :3] = rotation
-        T[:3, 3] = T_base_start[:3, 3] + fraction * shift
-        q = nearest_solution(T, waypoints[-1])
-        if q is None:
-            raise MotionError(f"out of reach after {fraction:.0%} of the line to {np.round(T_base_end[:3, 3], 3)} m")
-        if np.abs(q - waypoints[-1]).max() > _LARGEST_JOINT_STEP:
-            raise MotionError(f"the joints jump after {fraction:.0%} of the line to {np.round(T_base_end[:3, 3], 3)} m")
-        waypoints.append(q)
-    return np.array(waypoints)
+    poses = np.tile(np.eye(4), (n_steps, 1, 1))
+    poses[:, :3, :3] = Slerp([0.0, 1.0], ends)(fractions).as_matrix()
+    poses[:, :3, 3] = T_base_start[:3, 3] + fractions[:, None] * shift
+    branches = np.moveaxis(inverse_kinematics_batch(poses), 1, 0)
+    where = f"the line to {np.round(T_base_end[:3, 3], 3)} m"
+    q_start = np.asarray(q_start, float)
+    first = np.abs(wrapped(branches[:, 0] - q_start)).max(axis=1)
+    if np.isnan(first).all():
+        raise MotionError(f"out of reach at the start of {where}")
+    path = unwound(np.concatenate([q_start[None], branches[int(np.nanargmin(first))]]))
+    if np.isnan(path).any():
+        reached = fractions[np.isnan(path[1:]).any(axis=1)][0]
+        raise MotionError(f"out of reach after {reached:.0%} of {where}")
+    steps = np.abs(np.diff(path, axis=0)).max(axis=1)
+    if steps.max() > LARGEST_JOINT_STEP:
+        raise MotionError(f"the joints jump after {fractions[int(steps.argmax())]:.0%} of {where}")
+    if not within_limits(path).all():
+        raise MotionError(f"a joint comes to its limit on {where}")
+    return path
+
+
+def unwound(paths: np.ndarray) -> np.ndarray:
+    """Joint paths (…, K, 6) whose angles are known up to whole turns, as they go on from their first posture."""
+    turn = 2 * np.pi
+    turns = np.cumsum(np.round(np.diff(paths, axis=-2) / turn), axis=-2)
+    result = paths.copy()
+    result[..., 1:, :] -= turn * turns
+    return result
+
+
+def within_limits(q: np.ndarray) -> np.ndarray:
+    """(…,) bool: whether postures (…, 6) are within the joint limits."""
+    return np.asarray(((q >= JOINT_LIMITS[:, 0]) & (q <= JOINT_LIMITS[:, 1])).all(axis=-1))
 
 
 def time_law(waypoints: np.ndarray, dt: float, speed: float = 1.0) -> np.ndarray:
@@ -75,37 +94,6 @@ def time_law(waypoints: np.ndarray, dt: float, speed: float = 1.0) -> np.ndarray
     return np.stack([np.interp(s, arc, waypoints[:, j]) for j in range(waypoints.shape[1])], axis=1)
 
 
-def joint_origins(q: np.ndarray) -> np.ndarray:
-    """Origins (6, 3) of the frames that follow each joint, base frame, metres: from the shoulder to tool0."""
-    T = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link against the base of the DH table
-    origins = []
-    for angle, (a, d, alpha) in zip(q, DH, strict=True):
-        c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-        T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
-        origins.append(T[:3, 3])
-    return np.array(origins)
-
-
-def lowest_link(waypoints: np.ndarray) -> float:
-    """Height [m, base frame] of the lowest of elbow, wrists and tool0 along a joint path (K, 6)."""
-    return min(float(joint_origins(q)[1:, 2].min()) for q in _sampled(waypoints))
-
-
-def lowest_tip(waypoints: np.ndarray) -> float:
-    """Height [m, base frame] of the lowest fingertip along a joint path (K, 6), the gripper open or closed."""
-    reach = ROBOTIQ_2F_140.pad_depth(0.0) + ROBOTIQ_2F_140.pad_length / 2 + COUPLER
-    return min(float(T[2, 3] + reach * T[2, 2]) for T in map(forward_kinematics, _sampled(waypoints)))
-
-
-def _sampled(waypoints: np.ndarray, spacing: float = 0.15) -> np.ndarray:
-    """The path with a point at least every ``spacing`` rad."""
-    dense = [waypoints[:1]]
-    for a, b in pairwise(waypoints):
-        n = max(1, int(np.ceil(np.abs(b - a).max() / spacing)))
-        dense.append(a + (b - a) * np.linspace(0, 1, n + 1)[1:, None])
-    return np.concatenate(dense)
-
-
 def joint_move(q_start: np.ndarray, q_end: np.ndarray) -> np.ndarray:
     """The straight way in joint space, as waypoints (2, 6)."""
     return np.stack([np.asarray(q_start, float), np.asarray(q_end, float)])
@@ -118,9 +106,10 @@ def solutions_near(T_base_tool0: np.ndarray, q_home: np.ndarray, q_now: np.ndarr
     solutions = inverse_kinematics(T_base_tool0)
     if len(solutions) == 0:
         return []
-    cost = np.abs(_wrapped(solutions - q_home)).sum(axis=1) + 0.3 * np.abs(solutions - q_now).max(axis=1)
+    cost = np.abs(wrapped(solutions - q_home)).sum(axis=1) + 0.3 * np.abs(solutions - q_now).max(axis=1)
     return list(solutions[np.argsort(cost)])
 
 
-def _wrapped(angles: np.ndarray) -> np.ndarray:
+def wrapped(angles: np.ndarray) -> np.ndarray:
+    """Angles, rad, brought to [-π, π)."""
     return (angles + np.pi) % (2 * np.pi) - np.pi

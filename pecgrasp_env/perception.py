@@ -4,7 +4,7 @@ classes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,8 @@ from pecgrasp_env.sensor import CameraIntrinsics, deproject
 UP = np.array([0.0, 0.0, 1.0])
 _SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two objects do
 _GRIPPER_MARGIN_M = 0.015
+_PLACE_CELL_M = 0.01  # in which an object's place on the table is compared
+_ABOVE_TABLE_M = 0.006
 
 
 class ObservationError(ValueError):
@@ -26,18 +28,24 @@ class ObservationError(ValueError):
 @dataclass(frozen=True)
 class Percept:
     """One observation: joint angles (6,) rad, gripper opening m, depth (H, W) m with 0 for none, the camera's
-    intrinsics.
+    intrinsics, and the force between the pads, N, where the gripper tells it.
+
+    camera: T_base_camera (4, 4) where it is known otherwise than from the joint angles. shows_gripper: whether the
+    camera sits on the bracket, so that the gripper may be in its picture.
     """
 
     q: np.ndarray
     opening: float
     depth: np.ndarray
     intrinsics: CameraIntrinsics
+    force: float | None = None
+    camera: np.ndarray | None = None
+    shows_gripper: bool = True
 
     @property
     def T_base_camera(self) -> np.ndarray:
-        """From the joint angles and the bracket's calibration, as on a real robot."""
-        return forward_kinematics(self.q) @ T_TOOL0_CAMERA
+        """From the joint angles and the bracket's calibration, as on a real robot, unless it is given."""
+        return forward_kinematics(self.q) @ T_TOOL0_CAMERA if self.camera is None else self.camera
 
 
 def read_observation(obs: Mapping[str, Any]) -> Percept:
@@ -57,7 +65,9 @@ def read_observation(obs: Mapping[str, Any]) -> Percept:
     intrinsics = CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
     q = np.asarray(_at(obs, "agent", "qpos"), float).reshape(-1)[:6]
     opening = float(np.asarray(_at(obs, "extra", "opening")).reshape(-1)[0])
-    return Percept(q, opening, depth.reshape(height, width), intrinsics)
+    force = obs["extra"].get("force")
+    force = None if force is None else float(np.asarray(force).reshape(-1)[0])
+    return Percept(q, opening, depth.reshape(height, width), intrinsics, force)
 
 
 def _at(obs: Mapping[str, Any], *keys: str) -> Any:
@@ -124,7 +134,8 @@ def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
 def cut_out(percept: Percept, segmenter: Segmenter) -> Scene:
     """The objects in one picture, camera frame; `indices` are those of the picture's pixels, row by row."""
     cloud = deproject(percept.depth, percept.intrinsics)
-    cloud[gripper_mask(cloud, percept.opening)] = np.nan
+    if percept.shows_gripper:
+        cloud[gripper_mask(cloud, percept.opening)] = np.nan
     return segmenter.segment(cloud, up=percept.T_base_camera[:3, :3].T @ UP)
 
 
@@ -148,16 +159,47 @@ def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(points, float) @ T[:3, :3].T + T[:3, 3]
 
 
-def class_probabilities(classifier: Any, points_camera: np.ndarray) -> dict[str, float]:
-    """What a classifier says of one cloud (M, 3), camera frame, as class → probability.
+def class_probabilities(classifier: Any, clouds: Sequence[np.ndarray]) -> list[dict[str, float]]:
+    """What a classifier says of clouds (M, 3), camera frame: class → probability; nothing of those with few points.
 
-    ``classifier`` is a `pec.Classifier` or any callable cloud → (label, confidence).
+    ``classifier`` is a `pec.Classifier`, which takes all of them at once, or any callable cloud → (label, confidence).
     """
-    answer = classifier.predict(points_camera) if hasattr(classifier, "predict") else classifier(points_camera)
-    if hasattr(answer, "probabilities"):
-        return {name: float(p) for name, p in answer.probabilities.items()}
-    label, confidence = answer
-    return {label: float(confidence)}
+    least = getattr(classifier, "n_points", 1)
+    known = [k for k, cloud in enumerate(clouds) if len(cloud) >= least]
+    result: list[dict[str, float]] = [{} for _ in clouds]
+    if known and hasattr(classifier, "predict"):
+        answers = classifier.predict([clouds[k] for k in known])
+        for k, answer in zip(known, answers, strict=True):
+            result[k] = {name: float(p) for name, p in answer.probabilities.items()}
+    else:
+        for k in known:
+            label, confidence = classifier(clouds[k])
+            result[k] = {label: float(confidence)}
+    return result
+
+
+def still_there(seen: SeenObject, percept: Percept, plane: np.ndarray | None) -> bool:
+    """Whether an object stands where it was seen before: most of its place, as far as it is in sight now, is covered
+    by something no higher than it.
+    """
+    normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
+    cloud = deproject(percept.depth, percept.intrinsics)
+    T = percept.T_base_camera
+    valid = np.isfinite(cloud[..., 2])
+    if percept.shows_gripper:
+        valid &= ~gripper_mask(cloud, percept.opening)
+    now = _moved(T, cloud[valid])
+    height = now @ normal + offset
+    top = float((seen.points @ normal + offset).max())
+    in_sight = height < top + _PLACE_CELL_M
+
+    def cells(points: np.ndarray) -> np.ndarray:
+        return np.unique(np.floor(points[:, :2] / _PLACE_CELL_M).astype(np.int64) @ [1_000_003, 1])
+
+    place = cells(seen.points)
+    visible = np.isin(place, cells(now[in_sight]))
+    covered = np.isin(place, cells(now[in_sight & (height > _ABOVE_TABLE_M)]))
+    return bool(visible.sum() > 0.3 * len(place) and covered.sum() > 0.6 * visible.sum())
 
 
 def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:

@@ -1,81 +1,58 @@
 """A scripted expert for SelectiveGrasp-v1: look, tell the objects apart, plan, approach, close, lift, and see whether
 it worked.
 
-It knows what a robot in a laboratory knows: the depth picture of the wrist camera, the joint angles, the opening of the
-gripper and the name of the class that is asked for. The plan of an episode is one generator, `_episode`, that is read
-from the top: each ``yield`` is one control step. Actions are those of the control mode `pd_joint_pos`.
+It knows what a robot in a laboratory knows: the depth picture of the wrist camera, the joint angles, the opening and
+the force of the gripper and the name of the class that is asked for. The plan of an episode is one generator,
+`_episode`, that is read from the top: each ``yield`` is one control step. Actions are those of the control mode
+`pd_joint_pos`.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Generator, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from grasping import ROBOTIQ_2F_140, CurvaturePlanner, Grasp, GraspPlan, Segmenter
+from grasping import ROBOTIQ_2F_140, CurvaturePlanner, Segmenter
 from pecgrasp_env.approach import Approach, plan_approach
-from pecgrasp_env.motion import MotionError, joint_move, straight_line, time_law
-from pecgrasp_env.perception import UP, Percept, SeenObject, class_probabilities, look, merge, read_observation
-from pecgrasp_env.robot import forward_kinematics
-from pecgrasp_env.views import look_postures
+from pecgrasp_env.arm_steps import ArmSteps, Steps
+from pecgrasp_env.clearance import Clearance
+from pecgrasp_env.motion import MotionError
+from pecgrasp_env.perception import (
+    UP,
+    SeenObject,
+    View,
+    class_probabilities,
+    look,
+    merge,
+    read_observation,
+    still_there,
+)
+from pecgrasp_env.planned_pick import PlannedPick, percept_of
+from pecgrasp_env.policy_log import PolicyLog
+from pecgrasp_env.sensor import CameraIntrinsics
+from pecgrasp_env.views import look_postures, posture_above
 
 NOT_FOUND = "not found"
 
-Steps = Generator[np.ndarray, Percept, Any]
-
-_FORCE_N = 60.0
+_FORCE_N, _FIRM_FORCE_N = 60.0, 100.0  # the second where an object slipped out before
 _APPROACH_SPEED = 0.5
 _LIFT_SPEED = 0.6
 _EMPTY_OPENING_M = 0.002  # the thinnest thing that counts as held
-_STILL_OPENING_M = 0.0003  # a gripper whose opening changes by less within a step has stopped
-_LONGEST_CLOSING_STEPS = 30
-_OPENING_STEPS = 10
-_SAFE_TOOL_M = 0.45  # height of tool0 at which the fingertips pass over everything on the table
-_SETTLED_RAD = 0.01
-# Following a path of half speed the arm lags by 0.015 rad and the opening by less than 0.1 mm.
-_BLOCKED_RAD = 0.03
-_BLOCKED_OPENING_M = 0.0015
-_LONGEST_SETTLING_STEPS = 15
-
-
-@dataclass
-class PolicyLog:
-    """What happened in an episode, for reports.
-
-    stages: seconds spent in each stage, one number each time it ran. failures: why each try failed that did.
-    plan, chosen_points, label, probabilities: of the last try. reason: why the policy gave up, or None.
-    """
-
-    stages: dict[str, list[float]] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
-    views: int = 0
-    plan: GraspPlan | None = None
-    grasp: Grasp | None = None
-    objects: list[SeenObject] = field(default_factory=list)
-    chosen: int | None = None
-    confidence: float = 0.0
-    reason: str | None = None
-    lifted: bool = False
-    doing: str = ""  # in words, for captions
-
-    @contextmanager
-    def timed(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.stages.setdefault(stage, []).append(time.perf_counter() - start)
+_LEAST_FORCE_N = 2.0
+_LOST_SHARE = 0.5  # of the opening, and of the force, with which it was first held
+_TOO_WIDE_M = 0.020  # beyond the planned width: there is something else between the pads
+_SURE, _DOUBT = 0.9, 0.3  # probability from which one look is enough; of a rival, from which it is not
 
 
 class ScriptedPolicy:
     """Picks the object of the asked-for class.
 
     Args:
-        classifier: a `pec.Classifier`, or any callable cloud (M, 3) in the camera frame → (label, confidence).
+        classifier: a `pec.Classifier`, or any callable cloud (M, 3) in the camera frame → (label, confidence). None:
+            whatever lies on the table is of the asked-for class, and the largest thing is taken.
         planner: what finds grasps on a cloud in the base frame; the default is `CurvaturePlanner` for the 2F-140.
         segmenter: what finds objects in a cloud.
         control_dt: seconds between two calls of `act`.
@@ -106,7 +83,7 @@ class ScriptedPolicy:
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
-        self._command = np.zeros(8, np.float32)
+        self._arm: ArmSteps | None = None
 
     def reset(self, target: str) -> None:
         """Begin an episode in which an object of class ``target`` is asked for.
@@ -132,69 +109,120 @@ class ScriptedPolicy:
         percept = read_observation(obs)
         try:
             if self._steps is None:
-                self._command = np.array([*percept.q, ROBOTIQ_2F_140.stroke, _FORCE_N], np.float32)
-                self._steps = self._episode(percept)
+                self._arm = ArmSteps(percept, self.control_dt, _FORCE_N)
+                self._steps = self._episode(self._arm, percept)
                 return next(self._steps)
             return self._steps.send(percept)
         except StopIteration:
-            return self._command
+            assert self._arm is not None  # made with the steps
+            return self._arm.command
+
+    def plan_only(
+        self,
+        depth: ArrayLike,
+        intrinsics: CameraIntrinsics,
+        T_base_camera: ArrayLike,
+        target: str,
+        *,
+        q: ArrayLike | None = None,
+        opening: float | None = None,
+    ) -> PlannedPick:
+        """From one depth picture to a grasp on the object of class ``target``, for an arm that others move.
+
+        Nothing moves and no simulator is needed. `PolicyLog` of this call is in `log`.
+
+        Args:
+            depth: (H, W) metres along the optical axis, 0 or NaN where there is none.
+            intrinsics: of the camera.
+            T_base_camera: (4, 4), camera frame (OpenCV) into the robot's base frame, whose z axis points up.
+            target: the class that is asked for.
+            q: (6,) rad, where a UR5 is now; with it the joint paths are planned, too.
+            opening: m, of a 2F-140 that carries the camera as this project's bracket does: its own fingers are then cut
+                out of the picture. None: the picture shows no gripper.
+
+        Raises ObservationError for a picture, a pose or joint angles of the wrong shape, ValueError as `reset` does.
+        """
+        percept = percept_of(depth, intrinsics, T_base_camera, q, opening)
+        self.reset(target)
+        objects, view = self._look(percept, [])
+        chosen = self._choose(objects)
+        if chosen is None:
+            return PlannedPick(objects, None, None, None, self.log.confidence, NOT_FOUND)
+        pick = PlannedPick(objects, chosen, self._plan(objects, chosen, view), None, self.log.confidence, None)
+        return pick.completed(None if q is None else percept.q, self._around(objects, chosen, view), view.plane)
 
     # ------------------------------------------------------------------------------------------------- the plan
 
-    def _episode(self, percept: Percept) -> Steps:
+    def _episode(self, arm: ArmSteps, percept: Any) -> Steps:
         for attempt in range(self.attempts):
-            objects, view, percept = yield from self._survey(percept, first_view=attempt)
+            objects, view, percept = yield from self._survey(arm, percept, attempt)
             chosen = self._choose(objects)
             if chosen is None:
                 self.log.failures.append(NOT_FOUND)
                 continue
-            others = [seen.points for k, seen in enumerate(objects) if k != chosen]
-            obstacles = np.concatenate([view.obstacles, *others])
-            with self.log.timed("plan grasp"):
-                plan = self.planner.plan(objects[chosen].points, up=UP, table=view.plane, obstacles=obstacles)
-            self.log.plan, self.log.chosen = plan, chosen
+            plan = self._plan(objects, chosen, view)
             if plan.best is None:
                 self.log.failures.append(f"no grasp: {plan.reason}")
                 continue
             try:
                 with self.log.timed("plan motion"):
-                    approach = plan_approach(plan, objects[chosen].points, obstacles, view.plane, percept.q)
+                    around = self._around(objects, chosen, view)
+                    approach = plan_approach(plan, objects[chosen].points, around, view.plane, percept.q)
             except MotionError as error:
                 self.log.failures.append(f"no motion: {error}")
                 continue
             self.log.grasp = approach.grasp
-            held, percept = yield from self._pick(approach, percept)
-            if held:
+            failure, percept = yield from self._pick(arm, approach, percept)
+            if failure is None and still_there(objects[chosen], percept, view.plane):
+                failure = "it is still on the table"
+                percept = yield from arm.go(approach.to_lift[::-1], percept, opening=0.0, speed=_LIFT_SPEED)
+            if failure is None:
                 self.log.lifted = True
                 self.log.doing = "holding it"
                 return
-            percept = yield from self._retreat(percept)
+            self.log.failures.append(failure)
+            self.log.doing = "letting go"
+            percept = yield from arm.let_go(percept)
+            percept = yield from arm.rise(percept)
         self.log.reason = self.log.failures[-1]
         self.log.doing = f"gave up: {self.log.reason}"
 
-    def _survey(self, percept: Percept, first_view: int) -> Steps:
+    def _survey(self, arm: ArmSteps, percept: Any, attempt: int) -> Steps:
         """Look from one posture after another until an object of the asked-for class stands out, or none are left."""
         objects: list[SeenObject] = []
+        view: View | None = None
         postures = look_postures()
         for k in range(len(postures)):
-            posture = postures[(first_view + k) % len(postures)]
+            q = postures[(attempt + k) % len(postures)]
+            likeliest = self._likeliest(objects)
+            if k > 0 and likeliest is not None:  # from straight above, nothing hides behind its neighbours
+                q = posture_above(objects[likeliest].centroid, k)
             self.log.doing = f"looking, view {self.log.views + 1}"
-            percept = yield from self._go(joint_move(percept.q, posture), percept, opening=ROBOTIQ_2F_140.stroke)
-            with self.log.timed("segment"):
-                view = look(percept, self.segmenter)
-            with self.log.timed("classify"):
-                for seen, cloud in zip(view.objects, view.clouds, strict=True):
-                    if len(cloud) >= getattr(self.classifier, "n_points", 1):
-                        seen.evidence.append(class_probabilities(self.classifier, cloud))
-            objects = merge(objects, view.objects)
-            self.log.views += 1
-            self.log.objects = objects
-            if self._choose(objects) is not None:
+            way = self._way(objects, view, percept.q, q)
+            percept = yield from arm.go(way, percept, opening=ROBOTIQ_2F_140.stroke)
+            objects, view = self._look(percept, objects)
+            if self._is_sure(objects) or (k > 0 and self._choose(objects) is not None):
                 break
         return objects, view, percept
 
-    def _choose(self, objects: list[SeenObject]) -> int | None:
-        """The object that is likeliest of the asked-for class, if that is likely enough."""
+    def _look(self, percept: Any, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
+        """One picture's objects, joined with those known."""
+        with self.log.timed("segment"):
+            view = look(percept, self.segmenter)
+        with self.log.timed("classify"):
+            if self.classifier is None:
+                answers = [{str(self._target): 1.0} for _ in view.clouds]
+            else:
+                answers = class_probabilities(self.classifier, view.clouds)
+            for seen, answer in zip(view.objects, answers, strict=True):
+                seen.evidence += [answer] if answer else []
+        objects = merge(known, view.objects)
+        self.log.views += 1
+        self.log.objects = objects
+        return objects, view
+
+    def _likeliest(self, objects: list[SeenObject]) -> int | None:
+        """The object that is likeliest of the asked-for class; of equals the first, which is the largest."""
         best, index = 0.0, None
         for k, seen in enumerate(objects):
             if not seen.touches_border and seen.evidence:
@@ -202,82 +230,71 @@ class ScriptedPolicy:
                 if probability > best:
                     best, index = probability, k
         self.log.confidence = best
-        return index if best >= self.min_confidence else None
+        return index
 
-    def _pick(self, approach: Approach, percept: Percept) -> Steps:
-        """Go there, close, lift; whether something is held is read off the opening, as on the real gripper."""
+    def _choose(self, objects: list[SeenObject]) -> int | None:
+        """The likeliest object, if it is likely enough."""
+        index = self._likeliest(objects)
+        return index if self.log.confidence >= self.min_confidence else None
+
+    def _is_sure(self, objects: list[SeenObject]) -> bool:
+        """Whether one look is enough: the object is likely, and no other could be it."""
+        index = self._likeliest(objects)
+        if self.classifier is None:
+            return index is not None
+        rivals = [seen.probabilities().get(str(self._target), 0.0) for seen in objects if seen.evidence]
+        return self.log.confidence >= max(_SURE, self.min_confidence) and sum(p > _DOUBT for p in rivals) == 1
+
+    def _plan(self, objects: list[SeenObject], chosen: int, view: View) -> Any:
+        around = self._around(objects, chosen, view)
+        with self.log.timed("plan grasp"):
+            plan = self.planner.plan(objects[chosen].points, up=UP, table=view.plane, obstacles=around)
+        self.log.plan, self.log.chosen = plan, chosen
+        return plan
+
+    @staticmethod
+    def _around(objects: list[SeenObject], chosen: int, view: View) -> np.ndarray:
+        """Points (K, 3) of all but the chosen object."""
+        return np.concatenate([view.obstacles, *(seen.points for k, seen in enumerate(objects) if k != chosen)])
+
+    @staticmethod
+    def _way(objects: list[SeenObject], view: View | None, q_start: np.ndarray, q_goal: np.ndarray) -> np.ndarray:
+        """From one view to another past what was seen; straight where nothing was, or where no way is found."""
+        if view is not None and view.plane is not None:
+            seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
+            try:
+                return Clearance(np.zeros((0, 3)), seen, view.plane).way(q_start, q_goal)
+            except MotionError:
+                pass
+        return np.stack([q_start, q_goal])
+
+    def _pick(self, arm: ArmSteps, approach: Approach, percept: Any) -> Steps:
+        """Go there, close, lift. Returns why it failed, or None, and the percept: whether something is held is read off
+        the opening and the force, as on the real gripper.
+        """
+        slipped = any(failure.startswith("lost") for failure in self.log.failures)
+        arm.force = _FIRM_FORCE_N if slipped else _FORCE_N
         self.log.doing = "moving over the object"
-        percept = yield from self._go(approach.to_pregrasp, percept, opening=approach.opening)
+        percept = yield from arm.go(approach.to_pregrasp, percept, opening=approach.opening)
         self.log.doing = "coming down"
-        percept = yield from self._go(
+        percept = yield from arm.go(
             approach.to_grasp, percept, opening=approach.opening, speed=_APPROACH_SPEED, careful=True
         )
-        if self._blocked(percept, approach.opening):
-            self.log.failures.append("touched something on the way down")
-            return False, percept
+        if arm.blocked(percept, approach.opening):
+            return "touched something on the way down", percept
         self.log.doing = "closing"
-        percept = yield from self._close(percept)
-        if percept.opening < _EMPTY_OPENING_M:
-            self.log.failures.append("closed on nothing")
-            return False, percept
-        closed = percept.opening
+        percept = yield from arm.close(percept)
+        self.log.held_m, self.log.held_n = percept.opening, percept.force
+        if percept.opening < _EMPTY_OPENING_M or (percept.force is not None and percept.force < _LEAST_FORCE_N):
+            return "closed on nothing", percept
+        if percept.opening > approach.grasp.width + _TOO_WIDE_M:
+            found, planned = percept.opening * 1e3, approach.grasp.width * 1e3
+            return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", percept
+        closed, force = percept.opening, percept.force
         self.log.doing = "lifting"
-        percept = yield from self._go(approach.to_lift, percept, opening=0.0, speed=_LIFT_SPEED)
-        percept = yield from self._close(percept)
-        if percept.opening < max(_EMPTY_OPENING_M, 0.5 * closed):
-            self.log.failures.append("lost while lifting")
-            return False, percept
-        return True, percept
-
-    def _retreat(self, percept: Percept) -> Steps:
-        """Open, and go straight up where the hand is still among the objects."""
-        self.log.doing = "letting go"
-        for _ in range(_OPENING_STEPS):
-            percept = yield self._action(self._command[:6], ROBOTIQ_2F_140.stroke)
-        T = forward_kinematics(percept.q)
-        for height in np.arange(_SAFE_TOOL_M - T[2, 3], 0.0, -0.05):
-            T_up = T.copy()
-            T_up[2, 3] += height
-            try:
-                line = straight_line(percept.q, T, T_up)
-            except MotionError:
-                continue
-            return (yield from self._go(line, percept, opening=ROBOTIQ_2F_140.stroke))
-        return percept
-
-    # ------------------------------------------------------------------------------------------------ small steps
-
-    def _action(self, q: np.ndarray, opening: float) -> np.ndarray:
-        self._command = np.array([*q, opening, _FORCE_N], np.float32)
-        return self._command
-
-    def _go(
-        self, waypoints: np.ndarray, percept: Percept, *, opening: float, speed: float = 1.0, careful: bool = False
-    ) -> Steps:
-        """Follow joint waypoints (K, 6) and wait until the arm is there; ``careful`` stops where something resists."""
-        for q in time_law(waypoints, self.control_dt, speed):
-            percept = yield self._action(q, opening)
-            if careful and self._blocked(percept, opening):
-                return (yield self._action(percept.q, opening))
-        for _ in range(_LONGEST_SETTLING_STEPS):
-            if np.abs(percept.q - waypoints[-1]).max() < _SETTLED_RAD:
-                break
-            percept = yield self._action(waypoints[-1], opening)
-        return percept
-
-    def _blocked(self, percept: Percept, opening: float) -> bool:
-        """Whether the arm or the fingers are kept from where they were sent, further than they lag by themselves."""
-        lag = float(np.abs(percept.q - self._command[:6]).max())
-        return lag > _BLOCKED_RAD or abs(percept.opening - opening) > _BLOCKED_OPENING_M
-
-    def _close(self, percept: Percept) -> Steps:
-        """Close and wait until the fingers stand still, on something or on each other."""
-        q = self._command[:6]
-        still = 0
-        for _ in range(_LONGEST_CLOSING_STEPS):
-            before = percept.opening
-            percept = yield self._action(q, 0.0)
-            still = still + 1 if abs(percept.opening - before) < _STILL_OPENING_M else 0
-            if still == 3:
-                break
-        return percept
+        percept = yield from arm.go(approach.to_lift, percept, opening=0.0, speed=_LIFT_SPEED)
+        percept = yield from arm.close(percept)
+        lost = percept.opening < max(_EMPTY_OPENING_M, _LOST_SHARE * closed)
+        if force is not None and percept.force is not None:
+            lost = lost or percept.force < _LOST_SHARE * min(force, arm.force)
+        return ("lost while lifting" if lost else None), percept

@@ -1,6 +1,12 @@
-"""UR5 + Robotiq 2F-140 + wrist D435: description, ManiSkill agent, kinematics."""
+"""UR5 + Robotiq 2F-140 + wrist D435: description, kinematics, ManiSkill agent.
 
-from pecgrasp_env.robot.agent import UR5Robotiq2F140, gripper_qpos
+The agent is imported when it is first asked for: who plans for a real arm needs no simulator.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from pecgrasp_env.robot.kinematics import (
     T_TOOL0_CAMERA,
     T_TOOL0_GRIPPER,
@@ -11,6 +17,9 @@ from pecgrasp_env.robot.kinematics import (
     tool0_from_grasp,
     with_turns,
 )
+
+if TYPE_CHECKING:
+    from pecgrasp_env.robot.agent import UR5Robotiq2F140, gripper_qpos
 
 __all__ = [
     "T_TOOL0_CAMERA",
@@ -24,3 +33,11 @@ __all__ = [
     "tool0_from_grasp",
     "with_turns",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("UR5Robotiq2F140", "gripper_qpos"):
+        from pecgrasp_env.robot import agent
+
+        return getattr(agent, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -31,6 +31,7 @@ from mani_skill.utils.structs import Actor, Link, Pose
 from pecgrasp_env.robot import linkage
 from pecgrasp_env.robot.description import ARM_JOINTS, CRANK_JOINTS, FINGER_JOINTS, FINGER_LINKS, GRIPPER_LINKS
 from pecgrasp_env.robot.gripper_controller import GripperControllerConfig, opening_of
+from pecgrasp_env.robot.kinematics import HOME
 from pecgrasp_env.robot.knuckles import InnerKnuckles
 from pecgrasp_env.robot.urdf import robot_urdf
 from pecgrasp_env.sensor import D435
@@ -68,14 +69,8 @@ class UR5Robotiq2F140(BaseAgent):
         "_materials": {"pad": {"static_friction": 0.8, "dynamic_friction": 0.8, "restitution": 0.0}},
         "link": {name: {"material": "pad", "patch_radius": 0.01, "min_patch_radius": 0.01} for name in FINGER_LINKS},
     }
-    # Camera 0.55 m above (0.5, 0) of the table, looking straight down, image up = away from the robot; gripper open.
     keyframes = {  # noqa: RUF012
-        "home": Keyframe(
-            qpos=np.concatenate(
-                [[-0.291338, -1.757533, 1.279259, -1.092523, -np.pi / 2, -0.291338], gripper_qpos(linkage.STROKE)]
-            ),
-            pose=sapien.Pose(),
-        )
+        "home": Keyframe(qpos=np.concatenate([HOME, gripper_qpos(linkage.STROKE)]), pose=sapien.Pose())
     }
 
     # 1 kg at full reach bends the arm by 0.2 mm. One damping-to-stiffness ratio: all joints lag alike, so that a

@@ -28,6 +28,10 @@ DH = np.array(
 # The elbow could turn ±2π too; ±π is the usual choice for planning and loses no pose.
 JOINT_LIMITS = np.array([[-2 * np.pi, 2 * np.pi]] * 2 + [[-np.pi, np.pi]] + [[-2 * np.pi, 2 * np.pi]] * 3)
 
+# Camera 0.55 m above (0.5, 0) of the table, looking straight down, image up = away from the robot.
+HOME = np.array([-0.291338, -1.757533, 1.279259, -1.092523, -np.pi / 2, -0.291338])
+HOME.setflags(write=False)
+
 COUPLER = 0.006  # m, thickness of the plate between the flange and the gripper
 
 

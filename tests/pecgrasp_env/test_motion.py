@@ -8,20 +8,20 @@ from scipy.spatial.transform import Rotation
 
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.approach import clear_of_table
+from pecgrasp_env.clearance import Clearance
 from pecgrasp_env.motion import (
     JOINT_ACCELERATION,
     JOINT_SPEED,
     MotionError,
-    joint_origins,
-    lowest_link,
-    lowest_tip,
     straight_line,
     time_law,
+    unwound,
 )
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics, tool0_from_grasp
-from pecgrasp_env.views import HOME, look_at, look_postures
+from pecgrasp_env.views import HOME, look_at, look_postures, posture_above
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
+NOTHING = np.zeros((0, 3))
 
 
 def top_down(x, y, z, yaw=0.0):
@@ -71,20 +71,9 @@ def test_to_stay_is_one_target():
     assert time_law(np.tile(HOME, (3, 1)), 0.05) == pytest.approx(HOME[None])
 
 
-def test_joint_origins_end_at_the_tool():
-    rng = np.random.default_rng(0)
-    for q in rng.uniform(-np.pi, np.pi, size=(20, 6)):
-        assert joint_origins(q)[-1] == pytest.approx(forward_kinematics(q)[:3, 3])
-
-
-def test_a_path_through_the_table_is_seen():
-    """The ends are high, the middle is not: shoulder down and up again on the way."""
-    low = HOME + np.array([0, 1.2, 0, 0, 0, 0])
-    assert lowest_link(np.stack([HOME, HOME])) > 0.4
-    assert lowest_link(np.stack([HOME, low, HOME])) < 0.1
-    # Seen from straight above, the closed gripper's tips are where its geometry says.
-    reach = ROBOTIQ_2F_140.pad_depth(0.0) + ROBOTIQ_2F_140.pad_length / 2
-    assert lowest_tip(np.stack([HOME, HOME])) == pytest.approx(forward_kinematics(HOME)[2, 3] - reach, abs=0.01)
+def test_angles_go_on_over_a_full_turn():
+    path = np.array([[3.0] * 6, [-3.1] * 6, [-2.9] * 6])
+    assert unwound(path) == pytest.approx(np.array([[3.0] * 6, [2 * np.pi - 3.1] * 6, [2 * np.pi - 2.9] * 6]))
 
 
 @pytest.mark.parametrize("width", [0.0, 0.03, 0.12])
@@ -104,7 +93,15 @@ def test_the_views_look_at_the_table():
         T = forward_kinematics(q) @ T_TOOL0_CAMERA
         hit = T[:3, 3] - T[:3, 2] * T[2, 3] / T[2, 2]
         assert np.linalg.norm(hit[:2] - (0.5, 0.0)) < 0.03
-        assert lowest_tip(np.stack([HOME, q])) > 0.1
+        assert len(Clearance(NOTHING, NOTHING, TABLE).way(HOME, q)) == 2
+
+
+@pytest.mark.parametrize("place", [(0.35, 0.2), (0.6, -0.2), (0.9, 0.0)])
+def test_one_object_is_looked_at_from_above(place):
+    for turn in (1, 2):
+        T = forward_kinematics(posture_above(np.array([*place, 0.03]), turn)) @ T_TOOL0_CAMERA
+        assert T[2, 2] == pytest.approx(-1.0, abs=1e-9)
+        assert np.linalg.norm(T[:2, 3] - place) < (0.01 if place[0] < 0.8 else 0.3)
 
 
 def test_look_at_is_a_camera_with_x_up_in_its_picture():

@@ -167,7 +167,11 @@ def test_two_views_multiply_their_evidence_and_add_their_points():
 
 
 def test_any_callable_is_a_classifier():
-    assert class_probabilities(lambda points: ("mouse", 0.8), np.zeros((3, 3))) == {"mouse": 0.8}
+    clouds = [np.zeros((3, 3)), np.ones((5, 3))]
+    assert class_probabilities(lambda points: ("mouse", 0.1 * len(points)), clouds) == [
+        {"mouse": pytest.approx(0.3)},
+        {"mouse": pytest.approx(0.5)},
+    ]
 
 
 @pytest.mark.parametrize(("kwargs", "words"), [({"attempts": 0}, "attempts"), ({"min_confidence": 0.0}, "confidence")])
