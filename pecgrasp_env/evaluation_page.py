@@ -20,7 +20,7 @@ from pecgrasp_env.summary import summarise
 
 _CAPTIONS = {
     "camera": "what the wrist camera measured at the last plan; the chosen object pale, the grasp red",
-    "try": "where the last try failed",
+    "try": "the last try, when the hand had closed or had to stop before",
     "end": "the end",
 }
 

@@ -25,6 +25,7 @@ _QUALITY = 60
 _SHOWN = 0.5  # of the width and height of the wrist camera's picture, about the grasp
 _ALIKE = 1.0  # of 255, mean difference of two pictures of which one is enough
 _GRASP, _CHOSEN = (255, 70, 60), np.array([255.0, 255.0, 255.0])
+_HAS_CLOSED = "lifting"  # what the policy is doing from the moment on in which the hand has closed
 _BEHIND_M = 0.06  # of the hand that is drawn behind the pads
 
 
@@ -36,21 +37,29 @@ def camera() -> dict[str, Any]:
 
 
 class FailurePictures:
-    """Looks on while `policy` acts in `env`; pictures are taken where a try fails, and kept by `save`.
+    """Looks on while `policy` acts in `env`; pictures are taken of each try, and kept by `save`.
 
-    env: with a render camera. Most episodes succeed, so nothing is rendered before something goes wrong.
+    A try is best judged where the hand has closed and not yet lifted; one that fails before, where it does.
+    env: with a render camera.
     """
 
     def __init__(self, env: gym.Env, policy: Policy) -> None:
         self.policy = Watched(policy)
         self._env = env
         self._failures = 0
+        self._doing = ""
+        self._closed = False  # in the present try
         self._try: np.ndarray | None = None
 
     def on_step(self, env: gym.Env) -> None:
-        if len(self.policy.log.failures) > self._failures:
-            self._failures = len(self.policy.log.failures)
-            self._try = _render(env)
+        log = self.policy.log
+        if log.doing != self._doing and log.doing == _HAS_CLOSED:
+            self._closed, self._try = True, _render(env)
+        if len(log.failures) > self._failures:
+            if not self._closed:
+                self._try = _render(env)
+            self._failures, self._closed = len(log.failures), False
+        self._doing = log.doing
 
     def save(self, folder: Path, seed: int) -> None:
         """Write FOLDER/SEED.KIND.webp of each kind that there is; "end" always, "try" where it shows something else."""

@@ -33,7 +33,7 @@ def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
 
 
 def test_pictures_of_a_failure_are_kept(tmp_path):
-    """A planner that grasps the air: the hand closes on nothing, and three pictures say so."""
+    """A planner that grasps the air: the hand closes on nothing, and three pictures say so. So they do of a lift."""
 
     class Above(CurvaturePlanner):
         def plan(self, points, **scene):
@@ -43,17 +43,19 @@ def test_pictures_of_a_failure_are_kept(tmp_path):
     protocol = Protocol(scene, None, {"_target_": "grasping.CurvaturePlanner"}, {"attempts": 1})
     env = protocol.make_env(render_mode="rgb_array", human_render_camera_configs=camera())
     policy = protocol.make_policy()
-    policy.planner = Above()
-    watch = FailurePictures(env, policy)
-    obs, info = env.reset(seed=5)
-    watch.policy.reset(info["target"][0])
-    while not watch.policy.done:
-        obs, *_ = env.step(watch.policy.act(obs))
-        watch.on_step(env)
-    watch.save(tmp_path, 5)
+    for seed, planner in ((5, Above()), (6, CurvaturePlanner())):
+        policy.planner = planner
+        watch = FailurePictures(env, policy)
+        obs, info = env.reset(seed=seed)
+        watch.policy.reset(info["target"][0])
+        while not watch.policy.done:
+            obs, *_ = env.step(watch.policy.act(obs))
+            watch.on_step(env)
+        assert policy.log.lifted == (seed == 6)
+        watch.save(tmp_path, seed)
     env.close()
-    assert policy.log.reason is not None
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["5.camera.webp", "5.end.webp", "5.try.webp"]
+    names = [f"{seed}.{kind}.webp" for seed in (5, 6) for kind in ("camera", "end", "try")]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
     for path in tmp_path.iterdir():
         with Image.open(path) as image:
             assert image.width == 424
