@@ -17,6 +17,7 @@ nearest of 1,000 points says of a surface, the nearest of 128 says less exactly.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -224,8 +225,8 @@ class Preprocess:
     def _compiled_views(self, candidates: np.ndarray) -> np.ndarray:
         """`views` of one cloud's candidates (K, 3): (n_views, n_points, 3)."""
         if self.size == "unit":
-            every = torch.ones(1, len(candidates), dtype=torch.bool)
-            candidates = _of_unit_spread(torch.from_numpy(candidates)[None], every)[0].numpy()
+            spread = math.sqrt(np.vdot(candidates, candidates) / len(candidates))  # as _of_unit_spread
+            candidates = candidates / np.float32(max(spread, 1e-9))
         if self.ordering == "groups":
             return candidates[kernels.group_order(candidates, self.group_size)][None]
         return kernels.arranged(
