@@ -22,8 +22,8 @@ _OPENING_STEP = 0.005  # m, to which an opening is rounded up: a wider hand need
 
 @dataclass(frozen=True)
 class Spheres:
-    """frame: (S,) which frame each moves with, 0 the base … 6 tool0, in rising order. centre: (S, 3) m in that frame, the
-    DH frame after the joint of that number. radius: (S,) m. gripper, fingertip: (S,) bool, whether it is part of the
+    """frame: (S,) which frame each moves with, 0 the base … 6 tool0, in rising order. centre: (S, 3) m there, in the DH
+    frame after the joint of that number. radius: (S,) m. gripper, fingertip: (S,) bool, whether it is part of the
     gripper, and of what comes down beside an object.
     """
 
