@@ -15,6 +15,7 @@ from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinemati
 from pecgrasp_env.sensor import CameraIntrinsics, deproject
 
 UP = np.array([0.0, 0.0, 1.0])
+OTHER = "something else"  # what a classifier that names one class leaves to all others
 _SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two objects do
 _GRIPPER_MARGIN_M = 0.015
 _PLACE_CELL_M = 0.01  # in which an object's place on the table is compared
@@ -174,7 +175,7 @@ def class_probabilities(classifier: Any, clouds: Sequence[np.ndarray]) -> list[d
     else:
         for k in known:
             label, confidence = classifier(clouds[k])
-            result[k] = {label: float(confidence)}
+            result[k] = {label: float(confidence), OTHER: 1.0 - float(confidence)}
     return result
 
 

@@ -3,11 +3,13 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from mani_skill.utils.structs.pose import Pose
 
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.evaluation import run_episode
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.perception import (
+    OTHER,
     ObservationError,
     SeenObject,
     class_probabilities,
@@ -15,6 +17,7 @@ from pecgrasp_env.perception import (
     look,
     merge,
     read_observation,
+    still_there,
 )
 from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinematics
 
@@ -166,11 +169,33 @@ def test_two_views_multiply_their_evidence_and_add_their_points():
     assert merged[0].probabilities()["mouse"] == pytest.approx(0.45 / 0.55)
 
 
+def test_an_unsure_callable_is_not_believed_after_one_look():
+    """A class named with 0.5 leaves 0.5 to all others."""
+    seen = SeenObject(np.zeros((5, 3)), False, class_probabilities(lambda points: ("mouse", 0.5), [np.zeros((5, 3))]))
+    assert seen.probabilities()["mouse"] == pytest.approx(0.5)
+
+
+def test_what_was_taken_away_is_not_there_any_more(env):
+    """Looked at twice from one place: with everything on the table, and with one object gone."""
+    obs, _ = env.reset(seed=3)
+    policy = ScriptedPolicy(None)
+    before = read_observation(obs)
+    view = look(before, policy.segmenter)
+    task = env.unwrapped
+    gone = task.objects[0].pose.p[0, :2].numpy().copy()
+    assert all(still_there(seen, before, view.plane) for seen in view.objects)
+    task.objects[0].set_pose(Pose.create_from_pq([0.4, 0.55, 0.1]))
+    after = read_observation(task.get_obs())
+    for seen in view.objects:
+        was_it = np.linalg.norm(seen.centroid[:2] - gone) < 0.04
+        assert still_there(seen, after, view.plane) != was_it
+
+
 def test_any_callable_is_a_classifier():
     clouds = [np.zeros((3, 3)), np.ones((5, 3))]
     assert class_probabilities(lambda points: ("mouse", 0.1 * len(points)), clouds) == [
-        {"mouse": pytest.approx(0.3)},
-        {"mouse": pytest.approx(0.5)},
+        {"mouse": pytest.approx(0.3), OTHER: pytest.approx(0.7)},
+        {"mouse": pytest.approx(0.5), OTHER: pytest.approx(0.5)},
     ]
 
 
