@@ -78,7 +78,9 @@ def _with_sight(record: EpisodeRecord, sight: Sight) -> EpisodeRecord:
     cloud = cloud[np.isfinite(cloud).all(axis=1)] @ T[:3, :3].T + T[:3, 3]
     objects = []
     for index, seen in enumerate(sight.objects):
-        likely = max(seen.probabilities().items(), key=lambda item: item[1], default=("not classified", 0.0))
+        likely = ("not classified", 0.0)
+        if seen.evidence:
+            likely = max(seen.probabilities().items(), key=lambda item: item[1])
         objects.append(ClassifiedObject(seen.points.astype(np.float32), *likely, index == sight.chosen))
     if objects:
         corners = np.concatenate([seen.points for seen in objects])

@@ -19,7 +19,7 @@ from pecgrasp_env.proportions import wilson_interval
 from pecgrasp_env.summary import summarise
 
 _CAPTIONS = {
-    "camera": "what the wrist camera measured at the last plan; the chosen object pale, the grasp red",
+    "camera": "what the wrist camera measured; what was told apart, as what; the chosen object white, the grasp red",
     "try": "the last try, when the hand had closed or had to stop before",
     "end": "the end",
 }

@@ -24,7 +24,8 @@ _WIDTH, _HEIGHT = 424, 318  # pixels
 _QUALITY = 60
 _SHOWN = 0.5  # of the width and height of the wrist camera's picture, about the grasp
 _ALIKE = 1.0  # of 255, mean difference of two pictures of which one is enough
-_GRASP, _CHOSEN = (255, 70, 60), np.array([255.0, 255.0, 255.0])
+_GRASP, _CHOSEN = (255, 70, 60), (255, 255, 255)
+_TONES = ((240, 150, 200), (130, 200, 255), (255, 190, 110), (190, 160, 255))
 _HAS_CLOSED = "lifting"  # what the policy is doing from the moment on in which the hand has closed
 _BEHIND_M = 0.06  # of the hand that is drawn behind the pads
 
@@ -78,32 +79,40 @@ class FailurePictures:
 
 
 def what_it_saw(sight: Sight) -> np.ndarray:
-    """(h, 424, 3) uint8: the depth picture about what was chosen, that pale, the best grasp as pads and hand in red.
+    """(h, 424, 3) uint8: the depth picture, each object that was told apart in its own tone, with its likeliest class.
 
-    Without a choice the whole picture.
+    Where one was chosen, only the part about it, with the best grasp as pads and hand in red.
     """
     percept = sight.percept
     height, width = percept.depth.shape
+    places = [np.column_stack(_pixels(percept, seen.points)) for seen in sight.objects]
+    tinted = np.full((height, width), -1)
+    for k, place in enumerate(places):
+        column, row = place[((place >= 0) & (place < (width, height))).all(axis=1)].astype(int).T
+        tinted[row, column] = k
     left, top, share = 0, 0, 1.0
-    depth, chosen = percept.depth, np.zeros((height, width), bool)
     if sight.chosen is not None:
-        column, row = _pixels(percept, sight.objects[sight.chosen].points)
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        chosen[row[inside].astype(int), column[inside].astype(int)] = True
-        share = _SHOWN
-        left = int(np.clip(column.mean() - share * width / 2, 0, (1 - share) * width))
-        top = int(np.clip(row.mean() - share * height / 2, 0, (1 - share) * height))
+        share, size = _SHOWN, np.array([width, height])
+        corner = places[sight.chosen].mean(axis=0) - share * size / 2
+        left, top = np.clip(corner, 0, (1 - share) * size).astype(int)
     part = slice(top, top + round(share * height)), slice(left, left + round(share * width))
-    picture = depth_picture(depth[part])
-    picture[chosen[part]] = (0.5 * picture[chosen[part]] + 0.5 * _CHOSEN).astype(np.uint8)
+    picture, tinted = depth_picture(percept.depth[part]), tinted[part]
+    for k in range(len(places)):
+        tone = _CHOSEN if k == sight.chosen else _TONES[k % len(_TONES)]
+        picture[tinted == k] = (0.5 * picture[tinted == k] + 0.5 * np.array(tone)).astype(np.uint8)
     scale = _WIDTH / picture.shape[1]
     image = Image.fromarray(picture).resize((_WIDTH, round(scale * picture.shape[0])))
+    draw = ImageDraw.Draw(image)
     if sight.plan is not None and sight.plan.best is not None:
-        draw = ImageDraw.Draw(image)
         for line in _outlines(sight.plan.best):
-            column, row = _pixels(percept, line)
-            xy = np.column_stack([column - left, row - top]) * scale
+            xy = (np.column_stack(_pixels(percept, line)) - (left, top)) * scale
             draw.line([(float(x), float(y)) for x, y in xy], _GRASP, 2)
+    for seen, place in zip(sight.objects, places, strict=True):
+        if seen.evidence:
+            x, y = (place.mean(axis=0) - (left, top)) * scale
+            label, probability = max(seen.probabilities().items(), key=lambda item: item[1])
+            told = f"{label.replace('_', ' ')} {100 * probability:.0f} %"
+            draw.text((x, y), told, "white", anchor="mm", stroke_width=2, stroke_fill="black")
     return np.asarray(image)
 
 

@@ -50,7 +50,7 @@ def resolved(*overrides):
     [
         (["checkpoint=x"], "3 objects, ideal", 3),
         (["checkpoint=x", "env.n_objects=5", "env.sensor=d435"], "5 objects, d435", 5),
-        (["checkpoint=x", "experiment=selective"], "3 objects apart", 3),
+        (["checkpoint=x", "experiment=selective"], "3 apart", 3),
         (["experiment=table_5_2", "object=wire_cutter"], "wire_cutter", 1),
     ],
 )

@@ -26,6 +26,8 @@ def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
     drawn = what_it_saw(Sight(percept, [SeenObject(ahead[None], False)], 0, GraspPlan(grasp, [grasp], [], None)))
     assert bare.shape == drawn.shape == (240, 424, 3)
     rows, columns = np.nonzero((drawn == (255, 70, 60)).all(axis=2))
+    told = what_it_saw(Sight(percept, [SeenObject(ahead[None], False, [{"mouse": 0.9, "can": 0.1}])]))
+    assert (told != bare).any()  # its class stands there
     # The picture is cut out about the point, twice as large; what is nearer, the hand, looks larger than the pads.
     assert rows.mean() == pytest.approx(120, abs=4)
     assert columns.mean() == pytest.approx(212, abs=8)
