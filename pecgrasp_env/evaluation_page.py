@@ -64,6 +64,8 @@ details.cell summary { color: var(--ink); padding: 0.4rem 0; margin: 0; }
 
 def _tiles(evaluation: Evaluation) -> str:
     tiles = []
+    if evaluation.cells and not evaluation.one_kind:
+        return ""
     for planner in evaluation.planners:
         episodes = evaluation.episodes(ALL, planner)
         if episodes:
@@ -78,9 +80,9 @@ def _tiles(evaluation: Evaluation) -> str:
 
 
 def _success(evaluation: Evaluation) -> str:
-    scenes, published = evaluation.scenes, evaluation.published
+    published = evaluation.published
     rows = []
-    for scene in [*scenes, ALL] if len(scenes) > 1 else scenes:
+    for scene in evaluation.rows:
         fields = [f"<td>{_name(scene)}</td>"]
         fields += [_share(evaluation.episodes(scene, planner)) for planner in evaluation.planners]
         for figures in published.values():

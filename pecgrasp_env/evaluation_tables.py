@@ -7,8 +7,9 @@ import io
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,8 @@ class Evaluation:
     """All cells of a folder, in the order of the tables, and the planners paired.
 
     reference: the planner that the others are compared with, and that stands first. published: figures of others, in %,
-    by their name and then by scene. notes: sentences below the tables.
+    by their name and then by scene. notes: sentences below the tables. one_kind: whether all scenes together mean
+    something; they do not where some differ in more than their name says.
     """
 
     title: str
@@ -34,10 +36,16 @@ class Evaluation:
     reference: str
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    one_kind: bool = True
 
     @property
     def scenes(self) -> list[str]:
         return list(dict.fromkeys(cell.scene for cell in self.cells))
+
+    @property
+    def rows(self) -> list[str]:
+        """The scenes, and `ALL` where that says more."""
+        return [*self.scenes, ALL] if self.one_kind and len(self.scenes) > 1 else self.scenes
 
     @property
     def planners(self) -> list[str]:
@@ -55,11 +63,39 @@ def read_evaluation(folder: str | os.PathLike[str], table: Mapping[str, Any]) ->
     reference = table["reference"]
 
     def order(cell: Cell) -> tuple[Any, ...]:
-        place = scenes.index(cell.scene) if cell.scene in scenes else len(scenes)
+        known = cell.scene.split(",")[0]
+        place = scenes.index(known) if known in scenes else len(scenes)
         return place, _natural(cell.scene), cell.planner != reference, cell.planner, cell.key
 
-    cells = sorted(read_cells(folder), key=order)
-    return Evaluation(table["title"], cells, compare(cells, reference), reference, table["published"], table["notes"])
+    found = read_cells(folder)
+    cells = sorted(_told_apart(found), key=order)
+    one_kind = {(cell.scene, cell.planner) for cell in found} == {(cell.scene, cell.planner) for cell in cells}
+    comparisons = [each for each in compare(cells, reference) if one_kind or each.scene != ALL]
+    return Evaluation(table["title"], cells, comparisons, reference, table["published"], table["notes"], one_kind)
+
+
+def _told_apart(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells of one name that are not of one kind get what they differ in beside it, so that no row mixes them."""
+    result = []
+    for cell in cells:
+        alike = [_flat(other.settings) for other in cells if other.scene == cell.scene]
+        beside = [name for name in alike[0] if name != "episodes" and not name.startswith("planner.")]
+        differing = [name for name in beside if len({str(each.get(name)) for each in alike}) > 1]
+        told = "".join(f", {name}={_flat(cell.settings).get(name)}" for name in differing)
+        result.append(replace(cell, scene=cell.scene + told))
+    names = Counter((cell.scene, cell.planner) for cell in result)
+    # Other parameters of one planner, or another classifier at the same place.
+    return [
+        replace(cell, planner=f"{cell.planner} {cell.key[:4]}") if names[cell.scene, cell.planner] > 1 else cell
+        for cell in result
+    ]
+
+
+def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat.update(_flat(value, f"{where}{name}.") if isinstance(value, Mapping) else {where + name: value})
+    return flat
 
 
 def _natural(text: str) -> list[tuple[int, str]]:
@@ -84,8 +120,7 @@ def markdown(evaluation: Evaluation) -> str:
 def _success(evaluation: Evaluation) -> list[str]:
     planners, published = evaluation.planners, evaluation.published
     lines = _head(["right object lifted", *planners, *(f"published: {name}" for name in published)])
-    scenes = evaluation.scenes
-    for scene in [*scenes, ALL] if len(scenes) > 1 else scenes:
+    for scene in evaluation.rows:
         fields = [scene.replace("_", " ")]
         for planner in planners:
             episodes = evaluation.episodes(scene, planner)
@@ -222,7 +257,7 @@ def as_results(evaluation: Evaluation) -> dict[str, Any]:
         "all_scenes": {
             planner: summarise(episodes)
             for planner in evaluation.planners
-            if (episodes := evaluation.episodes(ALL, planner))
+            if evaluation.one_kind and (episodes := evaluation.episodes(ALL, planner))
         },
         "comparisons": [asdict(c) | {"difference": c.difference, "p": c.p} for c in evaluation.comparisons],
     }

@@ -3,6 +3,8 @@
 The same command goes on where it was interrupted. Settings and launchers: conf/evaluate.yaml.
 """
 
+import sys
+
 import hydra
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
@@ -13,8 +15,12 @@ from pecgrasp_env.evaluation_cells import run_cell
 @hydra.main(version_base="1.3", config_path="../conf", config_name="evaluate")
 def main(cfg: DictConfig) -> None:
     settings = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
-    with tqdm(disable=not cfg.progress, unit="episode", desc=f"{cfg.scene}, {cfg.planner_name}") as bar:
-        cell = run_cell(settings, lambda _: bar.update())
+    try:
+        with tqdm(disable=not cfg.progress, unit="episode", desc=f"{cfg.scene}, {cfg.planner_name}") as bar:
+            cell = run_cell(settings, lambda _: bar.update())
+    except KeyboardInterrupt:
+        print(f"stopped; what is whole lies in {cfg.folder}, and the same command goes on", file=sys.stderr)
+        sys.exit(130)
     done = f"{len(cell.episodes)} of {cell.wanted} episodes"
     print(f"{cell.scene}, {cell.planner}: {done}" + (f", stopped by {cell.error}" if cell.error else ""))
 

@@ -126,13 +126,13 @@ def episode(seed, outcome, **changes):
     return Episode(seed, outcome=outcome, steps=70, views=1, confidence=0.9, **told)
 
 
-def cell(folder, scene, planner, outcomes, wanted=None, **changes):
+def cell(folder, scene, planner, outcomes, wanted=None, first_seed=1, **changes):
     settings = {"scene": scene, "planner_name": planner, "env": {"classes": [scene]}, "planner": {"_target_": planner}}
-    settings |= {"policy": {}, "first_seed": 1, "checkpoint": None, "folder": str(folder), "pictures": True}
+    settings |= {"policy": {}, "first_seed": first_seed, "checkpoint": None, "folder": str(folder), "pictures": True}
     settings |= {"episodes": wanted or len(outcomes), "workers": 1, "shard": None}
     directory = folder / "cells" / cell_key(settings)
     directory.mkdir(parents=True)
-    lines = [json.dumps(asdict(episode(seed, OUTCOMES[k], **changes))) for seed, k in enumerate(outcomes, 1)]
+    lines = [json.dumps(asdict(episode(seed, OUTCOMES[k], **changes))) for seed, k in enumerate(outcomes, first_seed)]
     (directory / "episodes.jsonl").write_text("".join(f"{line}\n" for line in lines))
     if wanted is None:
         return run_cell(settings)
@@ -204,6 +204,21 @@ def test_planners_are_paired_by_seed_in_each_scene_and_in_all(tmp_path):
         Comparison(ALL, "default", "centroid", 1, 3, 0, 1),
     ]
     assert compare(cells, "geograsp") == []
+
+
+def test_cells_of_one_name_but_of_other_seeds_are_not_mixed(tmp_path):
+    for first_seed, outcomes in ((1, [0, 0]), (300000, [6, 6])):
+        cell(tmp_path, "can", "default", outcomes, first_seed=first_seed)
+        cell(tmp_path, "can", "centroid", outcomes, first_seed=first_seed)
+    evaluation = read_evaluation(tmp_path, TABLE)
+    assert evaluation.scenes == ["can, first_seed=1", "can, first_seed=300000"]
+    assert "| can, first seed=300000 | 0.0 (0.0–65.8), n = 2 |" in markdown(evaluation)
+    assert [(each.scene, each.n) for each in evaluation.comparisons] == [
+        ("can, first_seed=1", 2),
+        ("can, first_seed=300000", 2),
+    ]
+    assert as_results(evaluation)["all_scenes"] == {}
+    assert "<b>50.0 %</b>" not in render(evaluation)
 
 
 def test_scenes_that_differ_are_not_paired(tmp_path):
