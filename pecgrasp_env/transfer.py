@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ def run_transfer(settings: Mapping[str, Any], say: Callable[[str], None] = print
     with `accuracy` (mean over the seeds), `interval` (95 %, over objects), `of_seeds` and `of_classes`; `scenes`.
     """
     out = Path(settings["out"])
+    warnings.filterwarnings("ignore", message=".*Box (low|high)'s precision lowered")  # ManiSkill's float64 limits
     capture_scenes(settings["scenes"], out / "scenes")
     scenes = load_dataset(out / "scenes")
     say(f"test: {len(scenes)} clouds of {len(np.unique(scenes.instances))} objects that training does not draw")

@@ -181,7 +181,7 @@ def _picture(cloud: np.ndarray, manifest: Manifest) -> str:
     depth = points[:, 2]
     far = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-9)
     picture = np.zeros((_SIDE, _SIDE, 4), np.uint8)
-    reach = int(np.clip(np.ceil(0.5 * _SIDE / np.sqrt(len(points))), 1, 4))  # few points are drawn larger
+    reach = int(np.clip(np.ceil(0.5 * _SIDE / np.sqrt(len(points))), 1, 6))  # few points are drawn larger
     for index in np.argsort(-depth):  # near ones over far ones
         column, row = at[index]
         area = picture[max(row - reach, 0) : row + reach, max(column - reach, 0) : column + reach]

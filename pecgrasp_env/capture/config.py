@@ -34,7 +34,7 @@ class ObjectsConfig:
     classes: tuple[str, ...] | None = None
     """None: the five LARS classes of the catalogue, or every class of the folder or of the source."""
     instances_per_class: int | None = None
-    """None: two of the catalogue, as in the LARS set, one of YCB, or every instance of the folder."""
+    """None: twenty of the catalogue, one of YCB, or every instance of the folder."""
     scale: float = 1.0
     """Factor from the units of the folder's meshes to metres."""
     allow_open: bool = False

@@ -102,7 +102,7 @@ def open_source(config: CaptureConfig) -> Source:
         return YcbDownload(objects.classes, objects.seed)
     if objects.source == "ycb":
         return YcbLookAlikes(objects.classes, objects.instances_per_class, objects.seed)
-    return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 2, objects.seed)
+    return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 20, objects.seed)
 
 
 def make_shards(

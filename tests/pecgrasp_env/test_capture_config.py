@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,34 +17,36 @@ from pecgrasp_env.sensor import SensorError
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_default_is_the_lars_set():
-    config = CaptureConfig()
-    assert config.samples_per_instance == 1000
-    assert config.objects == ObjectsConfig()
-    assert len(LARS_CLASSES) == 5
+LARS = CaptureConfig(objects=ObjectsConfig(instances_per_class=2), resolutions=("848x480",))
+ROBOT = CaptureConfig(scenario="tabletop", sensor="d435", samples_per_instance=100, resolutions=("424x240",))
 
 
 @pytest.mark.parametrize(
-    "overrides",
+    ("overrides", "config"),
     [
-        [],
-        ["dataset=lars"],
-        ["objects=catalogue"],
-        ["sensor=d435"],
-        ["scenario=tabletop", "sensor=d435"],
-        ["dataset=ycb"],
+        ([], ROBOT),
+        (["dataset=robot"], ROBOT),
+        (["dataset=folder", "objects.path=M"], replace(ROBOT, objects=ObjectsConfig("folder", path="M"))),
+        (["objects.path=M"], replace(ROBOT, objects=ObjectsConfig(path="M"))),
+        (["objects=catalogue"], replace(ROBOT, objects=ObjectsConfig(classes=CLASSES, instances_per_class=10))),
+        (["scenario=free", "sensor.mode=ideal"], replace(ROBOT, scenario="free", sensor="ideal")),
+        (["dataset=lars"], LARS),
+        (["dataset=lars", "sensor=d435"], replace(LARS, sensor="d435")),
+        (["dataset=lars", "scenario=tabletop", "sensor=d435"], replace(LARS, scenario="tabletop", sensor="d435")),
+        (["dataset=ycb"], replace(LARS, objects=ObjectsConfig("ycb"))),
     ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_the_configurations_that_are_shipped_say_what_the_code_defaults_to(overrides):
+def test_the_configurations_that_are_shipped(overrides, config):
+    """The default is what the robot sees, the published sets are as published; sizes are the code's own defaults."""
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         settings = compose("generate", ["out=unused", *overrides])
-    config = CaptureConfig.from_settings(OmegaConf.to_container(settings, resolve=True))
-    classes = CLASSES if "objects=catalogue" in overrides else None
-    source = "ycb" if "dataset=ycb" in overrides else "catalogue"
-    objects = ObjectsConfig(source=source, classes=classes, instances_per_class=10 if classes else None)
-    scenario = "tabletop" if "scenario=tabletop" in overrides else "free"
-    sensor = "d435" if "sensor=d435" in overrides else "ideal"
-    assert config == CaptureConfig(objects=objects, scenario=scenario, sensor=sensor, resolutions=("848x480",))
+    assert CaptureConfig.from_settings(OmegaConf.to_container(settings, resolve=True)) == config
+
+
+def test_the_published_set_has_five_classes_and_a_thousand_clouds_an_object():
+    assert LARS.samples_per_instance == 1000
+    assert (LARS.scenario, LARS.sensor, len(LARS_CLASSES)) == ("free", "ideal", 5)
 
 
 @pytest.mark.parametrize(

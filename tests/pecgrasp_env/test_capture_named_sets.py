@@ -241,7 +241,7 @@ def test_a_surface_without_area_gives_none():
 
 def test_training_finds_a_named_set_where_generation_leaves_it():
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        for name in ("lars", "ycb", "folder"):
+        for name in ("robot", "lars", "ycb", "folder"):
             path = compose("train", [f"dataset={name}", "name=a"]).dataset.path
             generation = compose("generate", [f"dataset={name}", "objects.path=meshes"], return_hydra_config=True)
             HydraConfig.instance().set_config(generation)
