@@ -1,7 +1,8 @@
 """Simulation: the robot, the objects, the sensor, the capture of labelled clouds, and the task SelectiveGrasp-v1.
 
-Importing this registers `SelectiveGrasp-v1` with Gymnasium and loads nothing else: ManiSkill, SAPIEN and torch are
-imported where they are first used.
+Importing this registers with Gymnasium `SelectiveGrasp-v1`, batched as ManiSkill's tasks are, and
+`SelectiveGraspSingle-v1`, the same for one robot without batches. It loads nothing else: ManiSkill, SAPIEN and torch
+are imported where they are first used.
 """
 
 from __future__ import annotations
@@ -34,6 +35,11 @@ def _register() -> None:
                 {"max_episode_steps": MAX_EPISODE_STEPS},
             ),
         ),
+    )
+    gymnasium.register(
+        "SelectiveGraspSingle-v1",
+        entry_point="pecgrasp_env.single:SelectiveGraspSingleEnv",
+        max_episode_steps=MAX_EPISODE_STEPS,
     )
 
 

@@ -16,9 +16,10 @@ from sapien import physx
 from pecgrasp_env.objects import ObjectModel
 
 SPACING_M = 1.0  # between objects that shall not meet
-# From how far PhysX looks for contacts between objects that lie near each other. At its usual 20 mm its convex pairs of
-# a few centimetres are at times reported 40 mm deep in each other although millimetres lie between them, and fly apart.
-NEAR_CONTACT_OFFSET_M = 0.005
+# From how far PhysX looks for contacts. At ManiSkill's 20 mm, convex pairs of a few centimetres are at times reported
+# 40 mm deep in each other although centimetres lie between them, and fly apart: of 60 scenes of five objects 30 mm
+# apart two, before anything has touched them. Below 30 mm its persistent manifolds have to be off, too.
+CONTACT_OFFSET_M = 0.005
 
 _STEP_S = 0.01
 _LONGEST_FALL_S = 4.0
@@ -51,14 +52,14 @@ def _task_physics(near: bool = False) -> Iterator[physx.PhysxMaterial]:
     """The task's physics inside, whoever's it was before afterwards; yields the table's material.
 
     SAPIEN's settings belong to the process, and ManiSkill changes them with every environment: a fall would depend on
-    what the process did before. near: objects lie within centimetres of each other, see NEAR_CONTACT_OFFSET_M.
+    what the process did before. near: objects lie within centimetres of each other, see CONTACT_OFFSET_M.
     """
     body, shape, scene = physx.get_body_config(), physx.get_shape_config(), physx.get_scene_config()
     iterations = body.solver_position_iterations, body.solver_velocity_iterations, body.sleep_threshold
     offsets = shape.contact_offset, shape.rest_offset
     switches = {name: getattr(scene, name) for name in _SCENE_SETTINGS}
     physx.set_body_config(15, 1, 0.005)
-    physx.set_shape_config(NEAR_CONTACT_OFFSET_M if near else 0.02, 0.0)
+    physx.set_shape_config(CONTACT_OFFSET_M if near else 0.02, 0.0)
     physx.set_scene_config(**{**_SCENE_SETTINGS, "enable_pcm": not near})
     try:
         yield physx.PhysxMaterial(_FRICTION, _FRICTION, 0.0)

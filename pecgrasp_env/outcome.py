@@ -5,9 +5,10 @@ PhysX reports velocities of bodies that stand still under a squeeze, so all spee
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
 import torch
 from mani_skill.utils.geometry.rotation_conversions import quaternion_to_matrix
 
@@ -40,12 +41,12 @@ class Memory:
     noise_seed: torch.Tensor
 
     @classmethod
-    def empty(cls, instances: np.ndarray, device: torch.device) -> Memory:
-        """For objects that have just been loaded; instances: (N, K)."""
-        n, k = instances.shape
+    def empty(cls, instances: torch.Tensor) -> Memory:
+        """For objects that have just been loaded; instances: (N, K) long."""
+        (n, k), device = instances.shape, instances.device
         return cls(
             asked=torch.zeros(n, dtype=torch.long, device=device),
-            instances=torch.as_tensor(instances, dtype=torch.long, device=device),
+            instances=instances,
             was_lifted=torch.zeros(n, k, dtype=torch.bool, device=device),
             dropped=torch.zeros(n, dtype=torch.bool, device=device),
             start=torch.zeros(n, k, 3, device=device),
@@ -139,3 +140,14 @@ def judge(
         "target_air": air.gather(1, carried)[:, 0],
         "target_speed": speeds.gather(1, carried)[:, 0],
     }
+
+
+def unflatten(flat: torch.Tensor, like: Mapping[str, Any], start: int = 0) -> tuple[dict[str, Any], int]:
+    """Cuts (N, D) from column ``start`` on into the nested shape of ``like``; returns that and the next column."""
+    result: dict[str, Any] = {}
+    for key, value in like.items():
+        if isinstance(value, Mapping):
+            result[key], start = unflatten(flat, value, start)
+        else:
+            result[key], start = flat[:, start : start + value.shape[1]], start + value.shape[1]
+    return result, start

@@ -22,15 +22,15 @@ def reach(distance: torch.Tensor) -> torch.Tensor:
     return 1 - torch.tanh(5 * distance)
 
 
-def potential(distance: torch.Tensor, info: Mapping[str, torch.Tensor]) -> torch.Tensor:
+def potential(info: Mapping[str, torch.Tensor]) -> torch.Tensor:
     """How far the task has got, (N,), between -1 and 4.
 
-    distance: (N,) m. info: `judge`'s answer.
+    info: the task's, whose ``target_distance`` is that from the pads' centre to the nearest asked-for object.
     """
     held = info["target_held"].float()
     lift = (info["target_air"] / LIFT_HEIGHT).clamp(0, 1)
     still = (1 - torch.tanh(10 * info["target_speed"])) * (info["target_air"] >= LIFT_HEIGHT)
-    return reach(distance) + held * (1 + lift + still) - info["wrong_held"].float()
+    return reach(info["target_distance"]) + held * (1 + lift + still) - info["wrong_held"].float()
 
 
 def reward(before: torch.Tensor, after: torch.Tensor, info: Mapping[str, torch.Tensor]) -> torch.Tensor:

@@ -2,46 +2,45 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import sapien
 import torch
+from gymnasium import spaces
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils import sapien_utils
+from mani_skill.utils import common, sapien_utils
+from mani_skill.utils.gym_utils import convert_observation_to_space
 from mani_skill.utils.registration import register
-from mani_skill.utils.structs.actor import Actor
 from mani_skill.utils.structs.pose import Pose
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
-from scipy.spatial import ConvexHull
 
-from pecgrasp_env import MAX_EPISODE_STEPS, choice, outcome, reward, workbench
+from pecgrasp_env import MAX_EPISODE_STEPS, outcome, reward, workbench
+from pecgrasp_env.arguments import TaskError, check_scene, check_sensing
 from pecgrasp_env.camera import LIT, UNLIT, sense
-from pecgrasp_env.clutter import CLUTTERS, lay_out
-from pecgrasp_env.fall import NEAR_CONTACT_OFFSET_M
-from pecgrasp_env.objects import LARS_CLASSES, ObjectModel, open_objects
+from pecgrasp_env.clutter import lay_out
+from pecgrasp_env.contacts import held_objects, outward, pad_forces, pads_centre, squeeze
+from pecgrasp_env.fall import CONTACT_OFFSET_M
+from pecgrasp_env.objects import LARS_CLASSES, open_objects
 from pecgrasp_env.placement import Region
 from pecgrasp_env.robot import UR5Robotiq2F140
-from pecgrasp_env.sensor import SENSOR_MODES, intrinsics_of
+from pecgrasp_env.sampled_cloud import sample_cloud
+from pecgrasp_env.scene_objects import Recipe, SceneObjects
+from pecgrasp_env.sensor import intrinsics_of
 from pecgrasp_env.sensor.rendering import FAR, NEAR
+from pecgrasp_env.spaces import bounded, flat_bounds
 
 REGION = Region(x_min=0.33, x_max=0.67, y_min=-0.25, y_max=0.25)
 WIDE_REGION = Region(x_min=0.30, x_max=0.67, y_min=-0.33, y_max=0.33)
-_FAR_APART = 0.03  # m, clearance from which on `NEAR_CONTACT_OFFSET_M` is not needed
+_FAR_APART = 0.03  # m, clearance from which on PhysX's persistent contact manifolds do no harm, see `fall`
 _MOST_IN_REGION = 5  # more objects are laid out in the wide one
 
-# m/s at which PhysX may push overlapping bodies apart. Without a limit, its default, an object that a finger of the
-# stiff arm comes down on is shot away at 6 m/s; at 0.5 m/s pads sink into thin objects and let them go.
-MAX_DEPENETRATION_SPEED = 2.0
-
 # Streams of random numbers of one episode: which objects and how they lie are drawn apart.
-_CHOICE, _LAYOUT, _NOISE, _PHYSICS = 0, 1, 2, 3
-
-
-class TaskError(ValueError):
-    """An argument of the environment makes no sense; the message names it."""
+_CHOICE, _LAYOUT, _NOISE, _PHYSICS, _LIGHT = 0, 1, 2, 3, 4
 
 
 class SelectiveGraspEnv(BaseEnv):
@@ -156,8 +155,12 @@ class SelectiveGraspEnv(BaseEnv):
         same_class_twins: bool = False,
         clearance: float = 0.03,
         joint_noise: float = 0.02,
+        friction: tuple[float, float] | None = None,
+        mass_scale: tuple[float, float] | None = None,
+        light: str = "fixed",
         sensor: str = "ideal",
         resolution: str = "424x240",
+        cloud_points: int = 1024,
         robot_uids: str = UR5Robotiq2F140.uid,
         obs_mode: str | None = None,
         sensor_configs: dict | None = None,
@@ -165,37 +168,27 @@ class SelectiveGraspEnv(BaseEnv):
         reconfiguration_freq: int | None = None,
         **kwargs: Any,
     ) -> None:
-        if sensor not in SENSOR_MODES:
-            raise TaskError(f"sensor={sensor!r}: must be one of {SENSOR_MODES}")
-        if clutter not in CLUTTERS:
-            raise TaskError(f"clutter={clutter!r}: must be one of {CLUTTERS}")
-        if clearance < 0:
-            raise TaskError(f"clearance={clearance}: must not be negative")
-        if joint_noise < 0:
-            raise TaskError(f"joint_noise={joint_noise}: must not be negative")
         self.classes = tuple(classes)
-        if len(set(self.classes)) != len(self.classes) or not self.classes:
-            raise TaskError(f"classes={self.classes}: must name at least one class, each once")
-        fewest = 2 if same_class_twins else 1
-        if not fewest <= n_objects <= choice.MOST_OBJECTS:
-            raise TaskError(f"n_objects={n_objects}: must be between {fewest} and {choice.MOST_OBJECTS}")
-        if len(self.classes) == 1 and n_objects > fewest:
-            raise TaskError(
-                f"n_objects={n_objects}: the others must not be of the asked-for class; name more in classes"
-            )
+        check_scene(self.classes, n_objects, same_class_twins, clutter, clearance, joint_noise)
+        check_sensing(sensor, light, cloud_points, friction, mass_scale)
         self.source = objects if hasattr(objects, "load") else open_objects(objects, classes=self.classes)
         missing = [name for name in self.classes if name not in self.source.classes]
         if missing:
             raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
         self.clutter = clutter
         self.clearance = clearance
-        self.same_class_twins = same_class_twins
         self.n_objects = n_objects
+        self.recipe = Recipe(self.source, self.classes, n_objects, same_class_twins, friction, mass_scale)
         self.sensor = sensor
+        self.light = light
+        self.cloud_points = cloud_points
+        self._only_cloud = obs_mode == "cloud"
         self.joint_noise = joint_noise
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
         intrinsics = intrinsics_of(resolution)
+        if cloud_points > intrinsics.width * intrinsics.height:
+            raise TaskError(f"cloud_points={cloud_points}: a picture of {resolution} has fewer pixels")
         # Light is computed only where somebody looks at pictures; point clouds carry the plain colours.
         shader = LIT if "rgb" in (obs_mode or "") else UNLIT
         camera = {
@@ -209,7 +202,7 @@ class SelectiveGraspEnv(BaseEnv):
         super().__init__(
             *args,
             robot_uids=robot_uids,
-            obs_mode=obs_mode,
+            obs_mode="depth" if self._only_cloud else obs_mode,
             sensor_configs={"shader_config": shader, "wrist_camera": camera, **(sensor_configs or {})},
             num_envs=num_envs,
             reconfiguration_freq=reconfiguration_freq,
@@ -221,10 +214,9 @@ class SelectiveGraspEnv(BaseEnv):
     @property
     def _default_sim_config(self) -> SimConfig:
         materials = DefaultMaterialsConfig(static_friction=0.6, dynamic_friction=0.6)
-        if self.clutter == "apart" and self.clearance >= _FAR_APART:
-            return SimConfig(default_materials_config=materials)
-        near = SceneConfig(contact_offset=NEAR_CONTACT_OFFSET_M, enable_pcm=False)
-        return SimConfig(default_materials_config=materials, scene_config=near)
+        near = self.clutter != "apart" or self.clearance < _FAR_APART
+        contacts = SceneConfig(contact_offset=CONTACT_OFFSET_M, enable_pcm=not near)
+        return SimConfig(default_materials_config=materials, scene_config=contacts)
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
@@ -232,51 +224,26 @@ class SelectiveGraspEnv(BaseEnv):
         return CameraConfig("render_camera", pose, 640, 480, 0.82, 0.05, 60)
 
     def _load_agent(self, options: dict) -> None:
-        super()._load_agent(options, sapien.Pose())
+        with warnings.catch_warnings():
+            # ManiSkill's passive controller casts a box without numbers.
+            warnings.filterwarnings("ignore", message=".*precision lowered by casting")
+            super()._load_agent(options, sapien.Pose())
 
     def _load_lighting(self, options: dict) -> None:
-        workbench.light(self.scene, shadow=self.enable_shadow)
+        generators = [self._generator(i, _LIGHT) for i in range(self.num_envs)] if self.light == "random" else None
+        workbench.light(self.scene, shadow=self.enable_shadow, generators=generators)
 
     def _load_scene(self, options: dict) -> None:
         workbench.build_table(self.scene)
         workbench.build_floor(self.scene)
         # An asked-for object takes no fixed slot: its number in a segmentation picture must not give it away.
-        self.models = [self._draw_models(self._generator(i, _CHOICE)) for i in range(self.num_envs)]
-        self.objects = [self._build_slot(slot) for slot in range(self.n_objects)]
-        classes = [[self.classes.index(model.class_name) for model in models] for models in self.models]
-        self._askable = [choice.askable(np.array(row), self.same_class_twins) for row in classes]
-        self._slot_class = torch.tensor(classes, device=self.device)
-        hulls = [[_hull(np.concatenate(model.hulls)) for model in models] for models in self.models]
-        most = max(len(hull) for row in hulls for hull in row)
-        # Repeating the last vertex pads without moving the lowest point.
-        padded = np.array(
-            [[np.pad(hull, ((0, most - len(hull)), (0, 0)), mode="edge") for hull in row] for row in hulls]
-        )
-        self._hull_vertices = torch.tensor(padded, dtype=torch.float32, device=self.device)
-        names = [(name, instance) for name in self.classes for instance in self.source.names(name)]
-        instances = np.array([[names.index((m.class_name, m.instance)) for m in models] for models in self.models])
-        self.memory = outcome.Memory.empty(instances, self.device)
+        draws = [self._generator(i, _CHOICE) for i in range(self.num_envs)]
+        physics = [self._generator(i, _PHYSICS) for i in range(self.num_envs)]
+        self.table = SceneObjects(self, self.recipe, draws, physics)
+        self.models, self.objects = self.table.models, self.table.actors
+        self.memory = outcome.Memory.empty(self.table.instances)
         self.target_names = [""] * self.num_envs
         self._planner_reasons = [""] * self.num_envs
-
-    def _draw_models(self, rng: np.random.Generator) -> list[ObjectModel]:
-        slots = choice.draw_classes(len(self.classes), self.n_objects, self.same_class_twins, rng)
-        return choice.draw_instances(self.source, [self.classes[i] for i in slots], rng)
-
-    def _build_slot(self, slot: int) -> Actor:
-        parts = []
-        for i, models in enumerate(self.models):
-            builder = self.scene.create_actor_builder()
-            models[slot].add_to(builder)
-            builder.set_scene_idxs([i])
-            builder.initial_pose = sapien.Pose([0.5, 0.3 * slot, 0.5])
-            parts.append(builder.build(name=f"object_{slot}_{i}"))
-            for body in parts[-1]._bodies:
-                body.max_depenetration_velocity = MAX_DEPENETRATION_SPEED
-            self.remove_from_state_dict_registry(parts[-1])
-        actor = Actor.merge(parts, name=f"object_{slot}")
-        self.add_to_state_dict_registry(actor)
-        return actor
 
     # ---------------------------------------------------------------- episode
 
@@ -294,7 +261,7 @@ class SelectiveGraspEnv(BaseEnv):
         qpos = np.tile(home, (len(indices), 1))
         for row, i in enumerate(indices):
             rng = self._generator(i, _LAYOUT)
-            asked[row] = self.classes.index(self.models[i][int(rng.choice(self._askable[i]))].class_name)
+            asked[row] = self.classes.index(self.models[i][int(rng.choice(self.table.askable[i]))].class_name)
             poses[row] = lay_out(self.models[i], rng, region, self.clutter, self.clearance)
             qpos[row, :6] += rng.uniform(-self.joint_noise, self.joint_noise, size=6)
             noise[row] = self._generator(i, _NOISE).integers(2**31)
@@ -316,7 +283,7 @@ class SelectiveGraspEnv(BaseEnv):
     @property
     def is_target(self) -> torch.Tensor:
         """Which objects are of the asked-for class, (num_envs, n_objects) bool."""
-        return self._slot_class == self.memory.asked[:, None]
+        return self.table.slot_class == self.memory.asked[:, None]
 
     def set_planner_reason(self, reason: str, env_index: int = 0) -> None:
         """Say why a planner finds no grasp, or what else it has to say: ``info["planner_reason"]`` of the following
@@ -324,33 +291,74 @@ class SelectiveGraspEnv(BaseEnv):
         """
         self._planner_reasons[env_index] = reason
 
-    def _object_poses(self) -> torch.Tensor:
-        return torch.stack([actor.pose.raw_pose for actor in self.objects], dim=1)
-
-    def _reach(self, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Distance (num_envs,) m from the pads' centre to the nearest object of the asked-for class, and its slot."""
-        distances = torch.linalg.norm(positions - self.agent.pads_pose.p[:, None], dim=2)
-        nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
-        return nearest.values, nearest.indices
-
     # ------------------------------------------------------------- evaluation
 
+    def reset(self, *args: Any, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        obs, info = super().reset(*args, **kwargs)
+        # Only now does a GPU know where the hand is.
+        begun = torch.isnan(self.memory.potential)
+        self.memory.potential = torch.where(begun, reward.reach(info["target_distance"]), self.memory.potential)
+        return obs, info
+
     def _before_control_step(self) -> None:
-        poses = self._object_poses()
-        positions = poses[..., :3]
-        self.memory.note(positions, outcome.air_below(poses, self._hull_vertices), self.is_target)
-        fresh = torch.isnan(self.memory.potential)
-        self.memory.potential = torch.where(fresh, reward.reach(self._reach(positions)[0]), self.memory.potential)
+        poses = self.table.poses()
+        self.memory.note(poses[..., :3], outcome.air_below(poses, self.table.hull_vertices), self.is_target)
 
     def evaluate(self) -> dict[str, Any]:
-        poses = self._object_poses()
-        air = outcome.air_below(poses, self._hull_vertices)
-        held = torch.stack([self.agent.is_grasping(actor) for actor in self.objects], dim=1)
+        poses = self.table.poses()
+        positions = poses[..., :3]
+        air = outcome.air_below(poses, self.table.hull_vertices)
+        directions = outward(self.agent)
+        forces = pad_forces(self.agent, self.objects)
+        held = held_objects(forces, directions)
+        distances = torch.linalg.norm(positions - pads_centre(self.agent)[:, None], dim=2)
+        nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
+        self._nearest = nearest.indices
         return {
-            **outcome.judge(self.memory, self.is_target, poses[..., :3], air, held, self.control_freq),
+            "elapsed_steps": self._elapsed_steps.clone(),
+            **outcome.judge(self.memory, self.is_target, positions, air, held, self.control_freq),
+            "target_distance": nearest.values,
+            "grip_force": squeeze(forces, directions),
             "target": list(self.target_names),
             "planner_reason": list(self._planner_reasons),
         }
+
+    # ------------------------------------------------------------------ state
+
+    def get_state_dict(self) -> dict[str, Any]:
+        """The state of the simulation, of the controllers, and of the task: `outcome.Memory`, step, joints before."""
+        task = self.memory.to_state()
+        task["elapsed_steps"] = self._elapsed_steps[:, None].float()
+        task["qpos_before"] = self.agent._qpos_before.clone()
+        return {**super().get_state_dict(), "task": task}
+
+    def set_state_dict(self, state: dict[str, Any], env_idx: torch.Tensor | None = None) -> None:
+        """Put the sub-environments ``env_idx`` (all) into a state of `get_state_dict`.
+
+        What PhysX remembers of contacts is no part of it: what pads feel is known after the next step.
+
+        Raises:
+            TaskError: the state is of other objects than those on the table.
+        """
+        rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
+        task = state["task"]
+        if not torch.equal(task["instances"].to(self.device).long(), self.memory.instances[rows]):
+            raise TaskError("state: is of other objects; reset with the seed of its episode first")
+        super().set_state_dict(state, env_idx)
+        controllers = self.agent.get_controller_state()
+        for name, values in state["controller"].items():
+            for key, value in values.items():
+                controllers[name][key][rows] = value
+        self.agent.set_controller_state(controllers)
+        self.memory.restore(task, rows)
+        self._elapsed_steps[rows] = task["elapsed_steps"][:, 0].to(self._elapsed_steps.dtype)
+        self.agent._qpos_before[rows] = task["qpos_before"]
+        for i in rows.tolist():
+            self.target_names[i] = self.classes[int(self.memory.asked[i])]
+
+    def set_state(self, state: torch.Tensor, env_idx: torch.Tensor | None = None) -> None:
+        """The same from a flat state (N, D) of `get_state`."""
+        self.set_state_dict(outcome.unflatten(state, self._init_raw_state)[0], env_idx)
 
     # ------------------------------------------------------------ observation
 
@@ -359,13 +367,42 @@ class SelectiveGraspEnv(BaseEnv):
             "target": torch.nn.functional.one_hot(self.target_class, len(self.classes)).float(),
             "tcp_pose": self.agent.tcp_pose.raw_pose,
             "opening": self.agent.gripper_opening[:, None],
+            "force": info["grip_force"][:, None],
         }
         if self.obs_mode_struct.use_state:
-            poses = self._object_poses()
-            nearest = self._reach(poses[..., :3])[1]
-            target_pose = poses[torch.arange(self.num_envs, device=self.device), nearest]
+            poses = self.table.poses()
+            target_pose = poses[torch.arange(self.num_envs, device=self.device), self._nearest]
             observation |= {"target_pose": target_pose, "object_poses": poses.flatten(1)}
         return observation
+
+    @property
+    def obs_mode(self) -> str:
+        return "cloud" if self._only_cloud else self._obs_mode
+
+    def _get_obs_with_sensor_data(self, info: dict, apply_texture_transforms: bool = True) -> dict:
+        observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
+        if not self._only_cloud:
+            return observation
+        depth = observation.pop("sensor_data")["wrist_camera"]["depth"]
+        camera = observation.pop("sensor_param")["wrist_camera"]
+        cloud = sample_cloud(
+            depth[..., 0],
+            camera["intrinsic_cv"],
+            camera["cam2world_gl"] @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], device=self.device)),
+            self.memory.noise_seed,
+            self._elapsed_steps,
+            self.cloud_points,
+        )
+        return {**observation, "cloud": cloud}
+
+    @cached_property
+    def single_observation_space(self) -> spaces.Space:
+        if self._obs_mode == "state":
+            low, high = flat_bounds(self.get_obs(unflattened=True), self.control_freq)
+            if low.shape == self._init_raw_obs.shape[1:]:
+                return spaces.Box(low, high, dtype=np.float32)
+        space = convert_observation_to_space(common.to_numpy(self._init_raw_obs), unbatched=True)
+        return bounded(space, self.control_freq)
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict:
         data = super()._get_obs_sensor_data(apply_texture_transforms)
@@ -384,17 +421,12 @@ class SelectiveGraspEnv(BaseEnv):
     # ----------------------------------------------------------------- reward
 
     def compute_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
-        distance = self._reach(self._object_poses()[..., :3])[0]
         before = self.memory.potential
-        self.memory.potential = reward.potential(distance, info)
+        self.memory.potential = reward.potential(info)
         return reward.reward(before, self.memory.potential, info)
 
     def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
         return self.compute_dense_reward(obs, action, info) / 5
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    return points[ConvexHull(points).vertices]
 
 
 # For ManiSkill's own tools; Gymnasium knows the task from the package's __init__.

@@ -4,6 +4,8 @@ pixels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
@@ -48,13 +50,22 @@ def build_floor(scene: ManiSkillScene) -> Actor:
     return builder.build_static(name="floor")
 
 
-def light(scene: ManiSkillScene, shadow: bool) -> None:
-    """Soft light from above and a lamp from the side; the lamp casts shadows where they are asked for."""
+def light(scene: ManiSkillScene, shadow: bool, generators: Sequence[np.random.Generator] | None = None) -> None:
+    """Soft light from above and a lamp from the side; the lamp casts shadows where they are asked for.
+
+    generators: one for each sub-environment: the lamp's direction and the strength of all light are drawn; None: fixed.
+    """
     scene.set_ambient_light([0.45, 0.45, 0.47])
-    scene.add_directional_light(
-        [-0.4, -0.5, -1.0], [1.3, 1.27, 1.2], shadow=shadow, shadow_scale=1.2, shadow_map_size=2048
-    )
-    scene.add_directional_light([0.6, 0.5, -0.6], [0.45, 0.46, 0.5])
+    for i in range(scene.num_envs):
+        direction, strength = np.array([-0.4, -0.5, -1.0]), 1.0
+        if generators is not None:
+            around, strength = generators[i].uniform(-np.pi, np.pi), generators[i].uniform(0.6, 1.4)
+            direction = np.array([0.64 * np.cos(around), 0.64 * np.sin(around), -1.0])
+        lamp, sky = strength * np.array([1.3, 1.27, 1.2]), strength * np.array([0.45, 0.46, 0.5])
+        scene.add_directional_light(
+            direction, lamp, shadow=shadow, shadow_scale=1.2, shadow_map_size=2048, scene_idxs=[i]
+        )
+        scene.add_directional_light([0.6, 0.5, -0.6], sky, scene_idxs=[i])
 
 
 def _matt(color: tuple[float, float, float, float]) -> sapien.render.RenderMaterial:
