@@ -151,3 +151,13 @@ def unflatten(flat: torch.Tensor, like: Mapping[str, Any], start: int = 0) -> tu
         else:
             result[key], start = flat[:, start : start + value.shape[1]], start + value.shape[1]
     return result, start
+
+
+def batched(state: Mapping[str, Any], device: torch.device) -> dict[str, Any]:
+    """A nested state as tensors (N, D): ManiSkill's trajectories hold one state as arrays (D,)."""
+    return {
+        key: batched(value, device)
+        if isinstance(value, Mapping)
+        else torch.atleast_2d(torch.as_tensor(value)).to(device)
+        for key, value in state.items()
+    }

@@ -333,7 +333,7 @@ class SelectiveGraspEnv(BaseEnv):
         return {**super().get_state_dict(), "task": task}
 
     def set_state_dict(self, state: dict[str, Any], env_idx: torch.Tensor | None = None) -> None:
-        """Put the sub-environments ``env_idx`` (all) into a state of `get_state_dict`.
+        """Put the sub-environments ``env_idx`` (all) into a state of `get_state_dict`, or of a recorded trajectory.
 
         What PhysX remembers of contacts is no part of it: what pads feel is known after the next step.
 
@@ -341,12 +341,12 @@ class SelectiveGraspEnv(BaseEnv):
             TaskError: the state is of other objects than those on the table.
         """
         rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
-        task = state["task"]
-        if not torch.equal(task["instances"].to(self.device).long(), self.memory.instances[rows]):
+        task, controllers_then = (outcome.batched(state[key], self.device) for key in ("task", "controller"))
+        if not torch.equal(task["instances"].long(), self.memory.instances[rows]):
             raise TaskError("state: is of other objects; reset with the seed of its episode first")
         super().set_state_dict(state, env_idx)
         controllers = self.agent.get_controller_state()
-        for name, values in state["controller"].items():
+        for name, values in controllers_then.items():
             for key, value in values.items():
                 controllers[name][key][rows] = value
         self.agent.set_controller_state(controllers)

@@ -55,6 +55,10 @@ def leaves(tree, path=""):
     return {path: tree}
 
 
+def first_row(tree):
+    return {key: first_row(value) if isinstance(value, dict) else value[0].numpy() for key, value in tree.items()}
+
+
 def equal(a, b):
     a, b = leaves(a), leaves(b)
     return a.keys() == b.keys() and all(torch.equal(torch.nan_to_num(a[k]), torch.nan_to_num(b[k])) for k in a)
@@ -109,6 +113,15 @@ def test_two_restorations_of_one_state_go_the_same_way(env):
         some_steps(env, 5, seed=1)
         ends.append(env.unwrapped.get_state_dict())
     assert equal(*ends)
+
+
+def test_a_row_of_a_recorded_trajectory_is_a_state(env):
+    env.reset(seed=4)
+    some_steps(env, 4)
+    saved = env.unwrapped.get_state_dict()
+    env.reset(seed=4)
+    env.unwrapped.set_state_dict(first_row(saved))
+    assert equal(saved, env.unwrapped.get_state_dict())
 
 
 def test_a_state_of_other_objects_is_refused(env):
