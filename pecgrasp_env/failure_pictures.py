@@ -23,6 +23,7 @@ _EYE, _AIM, _FOV = (0.98, 0.48, 0.52), (0.46, 0.0, 0.10), 0.85  # m, world frame
 _WIDTH, _HEIGHT = 424, 318  # pixels
 _QUALITY = 60
 _SHOWN = 0.5  # of the width and height of the wrist camera's picture, about the grasp
+_BELOW = 60  # pixels
 _ALIKE = 1.0  # of 255, mean difference of two pictures of which one is enough
 _GRASP, _CHOSEN = (255, 70, 60), (255, 255, 255)
 _TONES = ((240, 150, 200), (130, 200, 255), (255, 190, 110), (190, 160, 255))
@@ -107,9 +108,10 @@ def what_it_saw(sight: Sight) -> np.ndarray:
         for line in _outlines(sight.plan.best):
             xy = (np.column_stack(_pixels(percept, line)) - (left, top)) * scale
             draw.line([(float(x), float(y)) for x, y in xy], _GRASP, 2)
-    for seen, place in zip(sight.objects, places, strict=True):
+    for k, (seen, place) in enumerate(zip(sight.objects, places, strict=True)):
         if seen.evidence:
             x, y = (place.mean(axis=0) - (left, top)) * scale
+            y += _BELOW if k == sight.chosen else 0  # off the grasp
             label, probability = max(seen.probabilities().items(), key=lambda item: item[1])
             told = f"{label.replace('_', ' ')} {100 * probability:.0f} %"
             draw.text((x, y), told, "white", anchor="mm", stroke_width=2, stroke_fill="black")
