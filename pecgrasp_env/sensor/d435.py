@@ -233,7 +233,9 @@ def _gentler_slope(step: np.ndarray, axis: int) -> np.ndarray:
     steepness = np.abs(step)
     gentler = np.empty([size + (along == axis) for along, size in enumerate(step.shape)], step.dtype)
     gentler[inner] = np.where(steepness[first] < steepness[last], step[first], step[last])
-    gentler[(*every, 0)], gentler[(*every, -1)] = step[(*every, 0)], step[(*every, -1)]
+    for border in (slice(0, 1), slice(-1, None)):
+        at = (*every, border)
+        gentler[at] = step[at]
     return gentler
 
 

@@ -158,7 +158,7 @@ def test_mixed_cut_outs_are_dropped_and_counted_or_marked():
 
     def touching(config: CaptureConfig):
         scenario = TabletopScenario(config)
-        poses = np.array([[0.5, 0.071, 0.025, 1, 0, 0, 0], [0.5, -0.071, 0.025, 1, 0, 0, 0]])
+        poses = np.array([[0.5, 0.07, 0.025, 1, 0, 0, 0], [0.5, -0.07, 0.025, 1, 0, 0, 0]])
         reasons = {0: Counter(), 1: Counter()}
         scenario._studio.show([subject.model for subject in pair])
         with pytest.MonkeyPatch.context() as patch:
