@@ -54,26 +54,35 @@ class SelectiveGraspEnv(BaseEnv):
     20 Hz, physics at 100 Hz.
 
     ## Action Space
-    `Box(8,)` float32, by `control_mode`:
+    `Box(8,)` float32, by `control_mode`; all limits are finite:
     | mode | 0–5 | 6 | 7 |
     |---|---|---|---|
     | `pd_joint_pos` | joint targets, rad | gripper opening, 0 … 0.14 m | force limit, 10 … 125 N |
-    | `pd_joint_delta_pos` | joint steps, normalised to [−1, 1] | opening, normalised | force limit, normalised |
-    | `pd_ee_pose` | tool position, m, and rotation, rad | gripper opening, 0 … 0.14 m | force limit, 10 … 125 N |
-    | `pd_ee_delta_pose` | tool step, normalised | opening, normalised | force limit, normalised |
+    | `pd_joint_delta_pos` | joint steps, ±1 is ±0.1 rad | opening, −1 … 1 over its range | force limit, likewise |
+    | `pd_ee_pose` | tool position, m, and XYZ Euler angles, rad, base frame | opening, m | force limit, N |
+    | `pd_ee_delta_pose` | tool step, ±1 is ±0.1 m and ±0.1 rad | opening, −1 … 1 | force limit, −1 … 1 |
 
     ## Observation Space
-    In the mode `state_dict` (`state` is the same, flattened), first axis the sub-environments:
-    | key | shape | meaning |
-    |---|---|---|
-    | agent/qpos, agent/… | see the robot | joint positions, rad, and what else the robot feels |
-    | extra/target | (n_classes,) | the asked-for class, one-hot in the order of `classes` |
-    | extra/tcp_pose | (7,) | pose of the fixed tool point, the pads' centre of the closed gripper, world frame |
-    | extra/opening | (1,) | measured gripper opening, m |
-    | extra/target_pose | (7,) | only in state modes: pose of the asked-for object, world frame |
-    | extra/object_poses | (7 · n_objects,) | only in state modes: poses of all objects, in no meaningful order |
+    In the mode `state_dict` (`state` is the same, flattened), first axis the sub-environments; all limits are finite:
+    | key | shape | unit, frame | meaning |
+    |---|---|---|---|
+    | agent/qpos | (10,) | rad | six arm joints from shoulder pan on, two cranks, two fingers of the gripper |
+    | agent/qvel | (10,) | rad/s | their mean rates over the last step |
+    | agent/controller/gripper/target_opening | (1,) | m | opening that the gripper is on its way to |
+    | agent/controller/gripper/force_limit | (1,) | N | force limit that it was given last |
+    | extra/target | (n_classes,) | | the asked-for class, one-hot in the order of `classes`; as text in `info` |
+    | extra/tcp_pose | (7,) | m, wxyz; world | the fixed tool point, at the pads' centre of the closed gripper |
+    | extra/opening | (1,) | m | measured gripper opening |
+    | extra/force | (1,) | N | measured grip force, mean of both pads along the closing axis, 0 … 250 |
+    | extra/target_pose | (7,) | m, wxyz; world | in state modes only: the asked-for object, of twins the nearer |
+    | extra/object_poses | (7 · n_objects,) | m, wxyz; world | in state modes only: all objects, in no order |
 
-    Visual modes (`depth`, `depth+segmentation`, `rgb+depth`, `pointcloud`, …) replace the last two by what the wrist
+    `cloud` replaces the last two by what the wrist camera sees of the objects and the hand:
+    | key | shape | unit, frame | meaning |
+    |---|---|---|---|
+    | cloud | (cloud_points, 3) | m; base | points more than 5 mm above the table, sampled by seed, step and pixel |
+
+    ManiSkill's visual modes (`depth`, `depth+segmentation`, `rgb+depth`, `pointcloud`, …) give all that the wrist
     camera, `wrist_camera`, sees. Depth is float32 in metres along the optical axis and 0 where there is none; point
     clouds are in the world frame, their fourth value is 0 where there is no point.
 
@@ -103,7 +112,12 @@ class SelectiveGraspEnv(BaseEnv):
     as `clutter` says. Their classes all differ while there are enough of them; one is asked for. Where there are more
     objects than classes, others than the asked-for one come twice or more. With `same_class_twins` the asked-for class
     is there twice, and either of the two is right. The arm hangs over the table in its home posture, the camera
-    looking at the objects, ± `joint_noise`. Everything is drawn by a generator of the sub-environment.
+    looking at the objects, ± `joint_noise`.
+
+    Everything is drawn by generators of the sub-environment, so that an episode depends on its seed and neither on the
+    number of environments nor on what came before; where objects are drawn once only (`reconfiguration_freq`), they
+    are those of the seed of `reset(seed=…, options={"reconfigure": True})`. Randomised: instances, resting poses,
+    places, the asked-for class, the arm's posture, the sensor's noise; with the arguments below friction, mass, light.
 
     ## Episode End
     Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
@@ -117,6 +131,8 @@ class SelectiveGraspEnv(BaseEnv):
     | dropped | an asked-for object had been lifted and is on the table again: no failure, it may be picked up again |
     | disturbance_m | how far the other object that was moved most is from where it lay at the start, m |
     | target_held, wrong_held | both pads press on an object of the asked-for class, on another one |
+    | target_distance | from the pads' centre to the nearest object of the asked-for class, m |
+    | grip_force | as `extra/force`, N |
     | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
     | target | the asked-for class as text |
     | planner_reason | what was last told to `set_planner_reason` in this episode, or "" |
@@ -131,11 +147,19 @@ class SelectiveGraspEnv(BaseEnv):
     | `same_class_twins` | False | the asked-for class lies there twice, either is right |
     | `clearance` | 0.03 | least distance between two outlines at the start where they lie apart, m |
     | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
+    | `friction` | None | limits between which each object's friction is drawn; None: 0.6 |
+    | `mass_scale` | None | limits of what each object's mass is multiplied by; not below 20 g |
+    | `light` | "fixed" | "random": lamp's direction and strength of the light, for pictures in colour |
     | `sensor` | "ideal" | "ideal": noise-free depth beyond the minimum distance; "d435": with the camera's faults |
     | `resolution` | "424x240" | depth mode of the D435, see `pecgrasp_env.sensor.D435` |
+    | `cloud_points` | 1024 | points of the observation mode `cloud` |
     | `reconfiguration_freq` | 1 with one sub-environment, else 0 | resets between draws of new objects; 0: draw once |
 
-    and those of `mani_skill.envs.sapien_env.BaseEnv`. `reset(options={"reconfigure": True})` draws new objects at once.
+    and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for pictures. Arguments that make no
+    sense raise `TaskError`; objects that do not fit on the table, `PlacementError` at the reset. A state
+    (`get_state_dict`, `get_state`) holds the task's memory, too; it fits the objects of its own episode.
+    `num_envs` > 1 needs a GPU (`physx_cuda`; written for, never run there); on a CPU `SelectiveGraspSingle-v1` with
+    `gymnasium.make_vec` runs many in as many processes.
 
     ## Version History
     - v1: first version.

@@ -1,6 +1,8 @@
 """SelectiveGraspSingle-v1: what Gymnasium asks of an environment, and that many of it agree with one."""
 
+import os
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -116,6 +118,7 @@ def test_the_asked_for_class_is_there_as_a_word_and_as_a_number():
     env.close()
 
 
+@pytest.mark.slow
 def test_processes_agree_with_one_another_and_with_this_one():
     """As many environments as one likes: number i with seed s is the single one with seed s."""
     single = make(control_mode="pd_joint_delta_pos")
@@ -158,3 +161,21 @@ def test_processes_agree_with_one_another_and_with_this_one():
 def test_arguments_that_make_no_sense_are_named(kwargs, words):
     with pytest.raises(TaskError, match=words):
         gym.make("SelectiveGraspSingle-v1", disable_env_checker=True, **({"render_backend": "cpu"} | kwargs))
+
+
+@pytest.mark.slow
+def test_a_thousand_episodes_leave_no_memory_behind():
+    env = make(control_mode="pd_joint_delta_pos")
+    rng = np.random.default_rng(0)
+    sizes = []
+    for episode in range(1000):
+        env.reset(seed=episode)
+        for _ in range(20):
+            if env.step(rng.uniform(-0.3, 0.3, 8).astype(np.float32))[2]:
+                break
+        if episode % 100 == 99:
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            sizes.append(pages * os.sysconf("SC_PAGE_SIZE") / 2**20)
+    env.close()
+    # The first hundred load every object once.
+    assert sizes[-1] - sizes[0] < 10  # MiB

@@ -19,6 +19,7 @@ from pecgrasp_env.outcome import LIFT_HEIGHT, Memory
 from pecgrasp_env.reward import potential, reward
 from pecgrasp_env.robot import UR5Robotiq2F140
 from pecgrasp_env.sampled_cloud import CLOUD_HIGH, CLOUD_LOW, sample_cloud
+from pecgrasp_env.selective_grasp import SelectiveGraspEnv
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)
 HOME = np.array([*UR5Robotiq2F140.keyframes["home"].qpos[:6], 0.14, 60.0], np.float32)
@@ -62,6 +63,25 @@ def first_row(tree):
 def equal(a, b):
     a, b = leaves(a), leaves(b)
     return a.keys() == b.keys() and all(torch.equal(torch.nan_to_num(a[k]), torch.nan_to_num(b[k])) for k in a)
+
+
+def test_the_card_describes_every_observation_and_every_info(env):
+    obs, info = env.reset(seed=0)
+    card = SelectiveGraspEnv.__doc__
+    assert all(f"| {path[1:]} | ({_size(value)}" in card for path, value in leaves(obs).items())
+    assert all(name in card for name in info if name not in ("elapsed_steps", "reconfigure"))
+    space = env.unwrapped.single_observation_space
+    assert all(np.isfinite([box.low, box.high]).all() for group in space.values() for box in _boxes(group))
+    assert np.isfinite([env.unwrapped.single_action_space.low, env.unwrapped.single_action_space.high]).all()
+
+
+def _size(value):
+    named = {5: "n_classes", 21: "7 · n_objects"}
+    return named.get(value.shape[1], value.shape[1])
+
+
+def _boxes(space):
+    return [box for sub in space.values() for box in _boxes(sub)] if isinstance(space, gym.spaces.Dict) else [space]
 
 
 # ------------------------------------------------------------------------------------------------------------ state
