@@ -16,8 +16,8 @@ from pecgrasp_env.robot.kinematics import HOME
 
 LIFT_M = 0.25  # an object held at one end hangs down
 _OPEN_MARGIN_M = 0.03  # wider than the object, both sides together, where the planner has no wish of its own
-_TIP_CLEARANCE_M = 0.004  # between fingertips and table
-_OVERCLOSE_M = 0.01  # closing further than planned pushes the tips forward
+_TIP_CLEARANCE_M = 0.003  # between fingertips and table; the planner asks for 4 mm at the planned width
+_OVERCLOSE_M = 0.004  # closing further than planned pushes the tips forward
 _STANDOFF_M = 0.08
 _OVER_OBJECTS_M = 0.03
 _FREE_M = 0.06  # lifted so far, an object is clear of the table's friction and of low neighbours

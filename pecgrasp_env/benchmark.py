@@ -18,9 +18,11 @@ from scipy.spatial import cKDTree
 
 from grasping import Segmenter
 from pecgrasp_env.benchmark_classification import classification, training
+from pecgrasp_env.benchmark_decision import decision
+from pecgrasp_env.benchmark_environment import environment
 from pecgrasp_env.benchmark_generation import generation
 from pecgrasp_env.benchmark_planning import planning
-from pecgrasp_env.timing import Row, Timing, line_of, rows_of, side_by_side
+from pecgrasp_env.timing import Row, line_of, rows_of, side_by_side
 
 _TREE = "k-d tree of the frame"
 _UP = np.array([0.0, 0.0, 1.0])
@@ -39,6 +41,7 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
         "training": training,
         "generation": generation,
         "environment": environment,
+        "decision": decision,
     }
     unknown = set(settings["parts"]) - measure.keys()
     if unknown:
@@ -82,30 +85,6 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
                 row["at_most_ms"] = float(targets[resolution])
             rows.append(row)
     return rows
-
-
-def environment(settings: Mapping[str, Any]) -> list[Row]:
-    """Control steps a second of SelectiveGrasp-v1 with three objects, without pictures and with the wrist's depth."""
-    steps = settings["steps"]
-    modes = ("state", "depth")
-    envs = {mode: _task(obs_mode=mode) for mode in modes}
-    still = {}
-    for mode, env in envs.items():
-        env.reset(seed=settings["seed"])
-        still[mode] = np.r_[env.unwrapped.agent.robot.get_qpos()[0, :6].cpu().numpy(), 0.14, 60].astype(np.float32)
-
-    def run(mode: str) -> None:
-        for _ in range(steps):
-            envs[mode].step(still[mode])
-
-    routines = {f"obs_mode={mode}": partial(run, mode) for mode in modes}
-    times = {
-        name: Timing(each.wall / steps, each.cpu / steps)
-        for name, each in side_by_side(routines, settings["generation_repeats"]).items()
-    }
-    for env in envs.values():
-        env.close()
-    return rows_of(times, "obs_mode=state", "one environment, three objects", rate="steps/s")
 
 
 def _task(**arguments: Any) -> Any:

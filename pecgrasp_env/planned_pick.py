@@ -14,6 +14,9 @@ from pecgrasp_env.perception import ObservationError, Percept, SeenObject
 from pecgrasp_env.sensor import CameraIntrinsics
 
 
+_OPENING_SLACK_M = 0.002  # a measured opening may lie a little outside of the stroke
+
+
 @dataclass(frozen=True)
 class PlannedPick:
     """One picture's answer. All poses in the robot's base frame, metres, (4, 4) float64.
@@ -77,7 +80,7 @@ def percept_of(
     joints = np.zeros(6) if q is None else np.asarray(q, float)
     if joints.shape != (6,) or not np.isfinite(joints).all():
         raise ObservationError(f"q must be six joint angles in radians, got {joints.tolist()}")
-    if opening is not None and not 0 <= opening <= ROBOTIQ_2F_140.stroke:
+    if opening is not None and not -_OPENING_SLACK_M <= opening <= ROBOTIQ_2F_140.stroke + _OPENING_SLACK_M:
         raise ObservationError(f"opening={opening}: must be within 0 … {ROBOTIQ_2F_140.stroke} m")
     shown = opening is not None
     return Percept(joints, opening or 0.0, picture, intrinsics, camera=T, shows_gripper=shown)

@@ -149,7 +149,8 @@ class ScriptedPolicy:
         if chosen is None:
             return PlannedPick(objects, None, None, None, self.log.confidence, NOT_FOUND)
         pick = PlannedPick(objects, chosen, self._plan(objects, chosen, view), None, self.log.confidence, None)
-        return pick.completed(None if q is None else percept.q, self._around(objects, chosen, view), view.plane)
+        with self.log.timed("plan motion"):
+            return pick.completed(None if q is None else percept.q, self._around(objects, chosen, view), view.plane)
 
     # ------------------------------------------------------------------------------------------------- the plan
 

@@ -28,6 +28,15 @@ def test_a_part_reports_every_routine_beside_its_yardstick(part: str) -> None:
     assert all(any(row["name"] in line and row["what"] in line for line in told) for row in rows)
 
 
+def test_a_decision_is_timed_with_its_stages() -> None:
+    tree, whole, *stages = run_benchmark({**SMALL, "decide_at_most_ms": 15, "parts": ["decision"]}, lambda line: None)[
+        "decision"
+    ]
+    assert (tree["times_yardstick"], whole["at_most_ms"]) == (1, 15)
+    assert [row["name"] for row in stages] == ["segment", "classify", "plan grasp", "plan motion"]
+    assert 0.5 * whole["wall_ms"] < sum(row["wall_ms"] for row in stages) < 1.1 * whole["wall_ms"]
+
+
 def test_classification_is_timed_beside_its_target_and_the_rivals() -> None:
     settings = {**SMALL, "parts": ["classification"], "classify_at_most_ms": {300: 1}}
     rows = run_benchmark(settings, lambda line: None)["classification"]
