@@ -91,6 +91,7 @@ def run_episodes(
     part: Part | None = None,
     pictures: bool = False,
     on_episode: Callable[[Episode], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Episode]:
     """Evaluate; returns those episodes of the seeds that are there at the end, in the order of the seeds.
 
@@ -103,7 +104,8 @@ def run_episodes(
         part: only every Nth of the seeds; several jobs share the work so. The last of them, or the same call without
             it, joins what all have left.
         pictures: keep what shows why an episode failed in ``failures``.
-        on_episode: called with each episode as it ends, for a progress bar.
+        on_episode: called with each episode as it ends.
+        progress: called at the start and after each episode with how many are done, and of how many in this part.
 
     Raises:
         EvaluationError: workers < 1.
@@ -116,13 +118,19 @@ def run_episodes(
     _cut_torn_line(journal)
     done = {episode.seed for episode in read_episodes(out) if episode.outcome != "error"}
     missing = [seed for seed in mine if seed not in done]
+    n_done = len(mine) - len(missing)
+    if progress is not None:
+        progress(n_done, len(mine))
     for episode in _run(protocol, missing, workers, out / "failures" if pictures else None):
         with journal.open("a") as file:
             file.write(json.dumps(asdict(episode)) + "\n")
             file.flush()
             os.fsync(file.fileno())
+        n_done += 1
         if on_episode is not None:
             on_episode(episode)
+        if progress is not None:
+            progress(n_done, len(mine))
     known = {episode.seed: episode for episode in read_episodes(out)}
     if all(seed in known for seed in seeds):
         _join(out, list(known.values()))

@@ -48,9 +48,10 @@ class Cell:
         return self.folder / "failures"
 
 
-def run_cell(settings: Mapping[str, Any], on_episode: Callable[[Episode], None] | None = None) -> Cell:
+def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] | None = None) -> Cell:
     """Run what is missing of one cell below settings["folder"], or of its share settings["shard"].
 
+    progress: as of `run_episodes`.
     Whatever the cell fails of is written down and returned, not raised: the others of its grid go on.
     """
     key = cell_key(settings)
@@ -74,7 +75,7 @@ def run_cell(settings: Mapping[str, Any], on_episode: Callable[[Episode], None] 
             workers=settings["workers"],
             part=None if settings["shard"] is None else Part.parse(settings["shard"]),
             pictures=settings["pictures"],
-            on_episode=on_episode,
+            progress=progress,
         )
     except Exception as error:  # of any kind: a missing classifier is this cell's failure, not the grid's
         record["error"] = f"{type(error).__name__}: {error}"

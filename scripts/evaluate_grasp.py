@@ -17,7 +17,14 @@ def main(cfg: DictConfig) -> None:
     settings = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
     try:
         with tqdm(disable=not cfg.progress, unit="episode", desc=f"{cfg.scene}, {cfg.planner_name}") as bar:
-            cell = run_cell(settings, lambda _: bar.update())
+
+            def progress(done: int, total: int) -> None:
+                bar.total = total
+                if bar.n == 0:
+                    bar.initial = done  # what was there already counts neither as work nor in the time left
+                bar.update(done - bar.n)
+
+            cell = run_cell(settings, progress)
     except KeyboardInterrupt:
         print(f"stopped; what is whole lies in {cfg.folder}, and the same command goes on", file=sys.stderr)
         sys.exit(130)

@@ -107,8 +107,12 @@ def test_parts_are_the_episodes_of_one_run_and_go_on_after_a_crash(in_one_go, tm
     run_episodes(ALONE, [7, 8], tmp_path, part=Part(1, 2), on_episode=ran.append)
     assert [each.seed for each in ran] == [8]
     journal.write_text(journal.read_text() + '{"seed": 7, "target": "plu')
-    parts = run_episodes(ALONE, [7, 8], tmp_path, on_episode=ran.append)
+    told = []
+    parts = run_episodes(
+        ALONE, [7, 8], tmp_path, on_episode=ran.append, progress=lambda done, total: told.append((done, total))
+    )
     assert [each.seed for each in ran] == [8, 7]
+    assert told == [(1, 2), (2, 2)]
     assert untimed(parts) == untimed(whole)
     assert [path.name for path in tmp_path.iterdir()] == [path.name for path in folder.iterdir()] == ["episodes.jsonl"]
 
