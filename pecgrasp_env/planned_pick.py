@@ -13,7 +13,6 @@ from pecgrasp_env.motion import MotionError
 from pecgrasp_env.perception import ObservationError, Percept, SeenObject
 from pecgrasp_env.sensor import CameraIntrinsics
 
-
 _OPENING_SLACK_M = 0.002  # a measured opening may lie a little outside of the stroke
 
 

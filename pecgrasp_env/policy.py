@@ -2,9 +2,8 @@
 it worked.
 
 It knows what a robot in a laboratory knows: the depth picture of the wrist camera, the joint angles, the opening and
-the force of the gripper and the name of the class that is asked for. The plan of an episode is one generator,
-`_episode`, that is read from the top: each ``yield`` is one control step. Actions are those of the control mode
-`pd_joint_pos`.
+force of the gripper and the name of the class that is asked for. The plan of an episode is one generator, `_episode`,
+read from the top: each ``yield`` is one control step. Actions are those of the control mode `pd_joint_pos`.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from pecgrasp_env.clearance import Clearance
 from pecgrasp_env.motion import MotionError
 from pecgrasp_env.perception import (
     UP,
+    Percept,
     SeenObject,
     View,
     class_probabilities,
@@ -41,8 +41,8 @@ _FORCE_N, _FIRM_FORCE_N = 60.0, 100.0  # the second where an object slipped out 
 _APPROACH_SPEED = 0.5
 _LIFT_SPEED = 0.6
 _EMPTY_OPENING_M = 0.002  # the thinnest thing that counts as held
-_LEAST_FORCE_N = 2.0
-_LOST_SHARE = 0.5  # of the opening, and of the force, with which it was first held
+_LEAST_FORCE_N = 2.0  # between the pads; the grip's own limit is never below 10 N
+_LOST_SHARE = 0.5  # of the opening with which it was first held
 _TOO_WIDE_M = 0.020  # beyond the planned width: there is something else between the pads
 _SURE, _DOUBT = 0.9, 0.3  # probability from which one look is enough; of a rival, from which it is not
 
@@ -83,7 +83,7 @@ class ScriptedPolicy:
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
-        self._arm: ArmSteps | None = None
+        self._arm: ArmSteps
 
     def reset(self, target: str) -> None:
         """Begin an episode in which an object of class ``target`` is asked for.
@@ -107,14 +107,13 @@ class ScriptedPolicy:
         if self._target is None:
             raise RuntimeError("call reset(target) before act(obs)")
         percept = read_observation(obs)
+        if self._steps is None:
+            self._arm = ArmSteps(percept, self.control_dt, _FORCE_N)
+            self._steps = self._episode(self._arm, percept)
+            return next(self._steps)
         try:
-            if self._steps is None:
-                self._arm = ArmSteps(percept, self.control_dt, _FORCE_N)
-                self._steps = self._episode(self._arm, percept)
-                return next(self._steps)
             return self._steps.send(percept)
         except StopIteration:
-            assert self._arm is not None  # made with the steps
             return self._arm.command
 
     def plan_only(
@@ -129,7 +128,7 @@ class ScriptedPolicy:
     ) -> PlannedPick:
         """From one depth picture to a grasp on the object of class ``target``, for an arm that others move.
 
-        Nothing moves and no simulator is needed. `PolicyLog` of this call is in `log`.
+        Nothing moves and no simulator is needed; `log` tells the stages' times.
 
         Args:
             depth: (H, W) metres along the optical axis, 0 or NaN where there is none.
@@ -152,9 +151,7 @@ class ScriptedPolicy:
         with self.log.timed("plan motion"):
             return pick.completed(None if q is None else percept.q, self._around(objects, chosen, view), view.plane)
 
-    # ------------------------------------------------------------------------------------------------- the plan
-
-    def _episode(self, arm: ArmSteps, percept: Any) -> Steps:
+    def _episode(self, arm: ArmSteps, percept: Percept) -> Steps:
         for attempt in range(self.attempts):
             objects, view, percept = yield from self._survey(arm, percept, attempt)
             chosen = self._choose(objects)
@@ -188,7 +185,7 @@ class ScriptedPolicy:
         self.log.reason = self.log.failures[-1]
         self.log.doing = f"gave up: {self.log.reason}"
 
-    def _survey(self, arm: ArmSteps, percept: Any, attempt: int) -> Steps:
+    def _survey(self, arm: ArmSteps, percept: Percept, attempt: int) -> Steps:
         """Look from one posture after another until an object of the asked-for class stands out, or none are left."""
         objects: list[SeenObject] = []
         view: View | None = None
@@ -206,7 +203,7 @@ class ScriptedPolicy:
                 break
         return objects, view, percept
 
-    def _look(self, percept: Any, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
+    def _look(self, percept: Percept, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
         """One picture's objects, joined with those known."""
         with self.log.timed("segment"):
             view = look(percept, self.segmenter)
@@ -269,7 +266,7 @@ class ScriptedPolicy:
                 pass
         return np.stack([q_start, q_goal])
 
-    def _pick(self, arm: ArmSteps, approach: Approach, percept: Any) -> Steps:
+    def _pick(self, arm: ArmSteps, approach: Approach, percept: Percept) -> Steps:
         """Go there, close, lift. Returns why it failed, or None, and the percept: whether something is held is read off
         the opening and the force, as on the real gripper.
         """
@@ -286,16 +283,18 @@ class ScriptedPolicy:
         self.log.doing = "closing"
         percept = yield from arm.close(percept)
         self.log.held_m, self.log.held_n = percept.opening, percept.force
-        if percept.opening < _EMPTY_OPENING_M or (percept.force is not None and percept.force < _LEAST_FORCE_N):
+        if percept.opening < _EMPTY_OPENING_M or _nothing_pressed(percept):
             return "closed on nothing", percept
         if percept.opening > approach.grasp.width + _TOO_WIDE_M:
             found, planned = percept.opening * 1e3, approach.grasp.width * 1e3
             return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", percept
-        closed, force = percept.opening, percept.force
+        closed = percept.opening
         self.log.doing = "lifting"
         percept = yield from arm.go(approach.to_lift, percept, opening=0.0, speed=_LIFT_SPEED)
         percept = yield from arm.close(percept)
-        lost = percept.opening < max(_EMPTY_OPENING_M, _LOST_SHARE * closed)
-        if force is not None and percept.force is not None:
-            lost = lost or percept.force < _LOST_SHARE * min(force, arm.force)
+        lost = percept.opening < max(_EMPTY_OPENING_M, _LOST_SHARE * closed) or _nothing_pressed(percept)
         return ("lost while lifting" if lost else None), percept
+
+
+def _nothing_pressed(percept: Percept) -> bool:
+    return percept.force is not None and percept.force < _LEAST_FORCE_N

@@ -63,6 +63,29 @@ def test_it_lifts_the_object_that_was_asked_for(env, seed):
     assert set(episode.stages) == {"segment", "classify", "plan grasp", "plan motion"}
 
 
+def test_it_picks_one_of_five_that_lie_close():
+    """5 to 20 mm apart, seen by a D435: told apart by the table between them, held without a neighbour."""
+    close = gym.make(
+        "SelectiveGrasp-v1",
+        obs_mode="depth",
+        control_mode="pd_joint_pos",
+        sim_backend="physx_cpu",
+        render_backend="cpu",
+        n_objects=5,
+        clutter="close",
+        sensor="d435",
+        objects=Catalogue(LARS_CLASSES, instances_per_class=2),
+    )
+    policy = ScriptedPolicy(Labels(close))
+    episode = run_episode(close, policy, 0)
+    close.close()
+    assert episode.outcome == "success"
+    assert len(policy.log.objects) == 5
+    assert policy.log.held_m == pytest.approx(policy.log.grasp.width, abs=0.01)
+    assert policy.log.held_n > 10
+    assert episode.disturbance_m < 0.03
+
+
 def test_the_return_ends_with_the_greatest_reward_and_twins_agree(env):
     def rollout():
         obs, info = env.reset(seed=1)
