@@ -31,10 +31,12 @@ def split_by_table(
     the table, m. height: (H·W,) of all pixels above it, m, NaN for none. least: pixels; smaller fragments stay with the
     nearest.
     """
+    if not len(chosen):
+        return labels
     rows, columns = np.divmod(chosen, shape[1])
-    first = rows.min(initial=shape[0]), columns.min(initial=shape[1])
+    first = rows.min(), columns.min()
     # A row and a column wider than what is seen, so that erosion sees where it ends.
-    picture = np.zeros((rows.max(initial=0) - first[0] + 3, columns.max(initial=0) - first[1] + 3), dtype=bool)
+    picture = np.zeros((rows.max() - first[0] + 3, columns.max() - first[1] + 3), dtype=bool)
     at = rows - first[0] + 1, columns - first[1] + 1
     picture[at] = labels >= 0
     inner = ndimage.binary_erosion(picture)

@@ -30,6 +30,10 @@ def test_two_boxes_a_few_pixels_apart_are_two(gap, noise):
     assert [len(points) for points in objects] == pytest.approx([750, 600], abs=30)
 
 
+def test_a_bare_table_has_nothing_to_tell_apart():
+    assert seen(frame()) == []
+
+
 def test_two_boxes_that_touch_are_one():
     assert len(seen(frame((20, 20, 30, 20, 0.04), (20, 40, 30, 25, 0.03)))) == 1
 
