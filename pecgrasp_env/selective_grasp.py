@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -142,7 +142,7 @@ class SelectiveGraspEnv(BaseEnv):
     |---|---|---|
     | `n_objects` | 3 | objects on the table, 1 … 8; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
     | `classes` | the five LARS classes | what may lie on the table, and the order of the one-hot vector |
-    | `objects` | None | None: the procedural catalogue; a path: a folder of meshes; or an opened source of objects |
+    | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
     | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another |
     | `same_class_twins` | False | the asked-for class lies there twice, either is right |
     | `clearance` | 0.03 | least distance between two outlines at the start where they lie apart, m |
@@ -195,7 +195,8 @@ class SelectiveGraspEnv(BaseEnv):
         self.classes = tuple(classes)
         check_scene(self.classes, n_objects, same_class_twins, clutter, clearance, joint_noise)
         check_sensing(sensor, light, cloud_points, friction, mass_scale)
-        self.source = objects if hasattr(objects, "load") else open_objects(objects, classes=self.classes)
+        source = objects if isinstance(objects, Mapping) else {"path": objects}
+        self.source = objects if hasattr(objects, "load") else open_objects(**source, classes=self.classes)
         missing = [name for name in self.classes if name not in self.source.classes]
         if missing:
             raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
