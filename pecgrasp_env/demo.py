@@ -34,6 +34,7 @@ from pecgrasp_env.evaluation import Protocol
 from pecgrasp_env.film import join_films
 from pecgrasp_env.report import ClassifierRecord, ReportRecord, stage_times, write_report
 from pecgrasp_env.summary import summarise, table
+from pecgrasp_env.whole_files import write_whole
 
 Say = Callable[[str], None]
 
@@ -100,7 +101,7 @@ def run_demo(
         ),
     )
     results = _results(trained, records, spent, versions) | {"report": str(report), "video": str(film)}
-    _write_json(out / "results.json", results)
+    write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
     say(table(summarise([record.episode for record in records])))
     say("")
     say(f"report   {report.resolve()}")
@@ -134,7 +135,7 @@ def _work_on(folder: Path) -> Iterator[None]:
     finally:
         if not before["finished"]:
             seconds = round(before["seconds"] + time.monotonic() - begin, 1)
-            _write_json(path, {"seconds": seconds, "finished": finished})
+            write_whole(path, json.dumps({"seconds": seconds, "finished": finished}, indent=1) + "\n")
 
 
 def _work(folder: Path) -> dict[str, Any]:
@@ -260,9 +261,3 @@ def _results(
         "durations_s": spent,
         "versions": versions,
     }
-
-
-def _write_json(path: Path, content: Any) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    os.replace(temporary, path)

@@ -22,6 +22,7 @@ from pecgrasp_env.capture import Part
 from pecgrasp_env.episode import Episode, run_episode
 from pecgrasp_env.failure_pictures import FailurePictures, camera
 from pecgrasp_env.policy import ScriptedPolicy
+from pecgrasp_env.whole_files import write_whole
 
 
 class EvaluationError(ValueError):
@@ -156,20 +157,14 @@ def read_episodes(folder: Path) -> list[Episode]:
 def _cut_torn_line(journal: Path) -> None:
     """Of one's own journal only: the last line of another job's may be on its way."""
     if journal.exists() and not (content := journal.read_bytes()).endswith(b"\n"):
-        _replace(journal, content[: content.rfind(b"\n") + 1])
+        write_whole(journal, content[: content.rfind(b"\n") + 1])
 
 
 def _join(folder: Path, episodes: Sequence[Episode]) -> None:
     """One journal, in the order of the seeds, out of those of all parts."""
-    _replace(folder / "episodes.jsonl", "".join(json.dumps(asdict(e)) + "\n" for e in episodes).encode())
+    write_whole(folder / "episodes.jsonl", "".join(json.dumps(asdict(e)) + "\n" for e in episodes))
     for journal in folder.glob("episodes.*of*.jsonl"):
         journal.unlink(missing_ok=True)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
 
 
 # ------------------------------------------------------------------------------------------------------ processes
@@ -210,12 +205,14 @@ class _Worker:
         self._pictures = pictures
 
     def run(self, seed: int) -> Episode:
-        watch = FailurePictures(self._env, self._policy)
         try:
-            episode = run_episode(self._env, watch.policy, seed, watch.on_step if self._pictures else None)
+            if self._pictures is None:
+                return run_episode(self._env, self._policy, seed)
+            watch = FailurePictures(self._env, self._policy)
+            episode = run_episode(self._env, watch.policy, seed, watch.on_step)
         except Exception as error:  # of any kind: it is this episode's failure, and the others go on
-            episode = _failed(seed, error)
-        if self._pictures is not None and episode.outcome not in ("success", "error"):
+            return _failed(seed, error)
+        if episode.outcome != "success":
             watch.save(self._pictures, seed)
         return episode
 

@@ -22,6 +22,7 @@ from pecgrasp_env.capture import Part
 from pecgrasp_env.code_version import code_version
 from pecgrasp_env.episode import Episode
 from pecgrasp_env.evaluation import Protocol, read_episodes, run_episodes
+from pecgrasp_env.whole_files import write_whole
 
 _DECISIVE = ("env", "planner", "policy", "first_seed")
 
@@ -64,7 +65,7 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
         "code": code_version(),
         "error": None,
     }
-    _write_json(directory / "cell.json", record)
+    write_whole(directory / "cell.json", json.dumps(record, indent=1) + "\n")
     protocol = Protocol(settings["env"], settings["checkpoint"], settings["planner"], settings["policy"])
     first = settings["first_seed"]
     try:
@@ -79,7 +80,7 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
         )
     except Exception as error:  # of any kind: a missing classifier is this cell's failure, not the grid's
         record["error"] = f"{type(error).__name__}: {error}"
-        _write_json(directory / "cell.json", record)
+        write_whole(directory / "cell.json", json.dumps(record, indent=1) + "\n")
     return _read_cell(directory)
 
 
@@ -120,9 +121,3 @@ def _classifier_version(checkpoint: str | None) -> str | None:
     if not all(file.is_file() for file in files):
         return "missing"
     return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    os.replace(temporary, path)

@@ -11,17 +11,18 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
 from pecgrasp_env.evaluation_page import render
-from pecgrasp_env.evaluation_tables import as_csv, as_results, markdown, read_evaluation, write
+from pecgrasp_env.evaluation_tables import as_csv, as_results, markdown, read_evaluation
+from pecgrasp_env.whole_files import write_whole
 
 
 def write_evaluation(folder: Path, table: dict[str, Any], commands: list[str]) -> str:
     """FOLDER/table.md, table.csv, results.json and report.html; returns the Markdown."""
     evaluation = read_evaluation(folder, table)
     text = markdown(evaluation)
-    write(folder, "table.md", text)
-    write(folder, "table.csv", as_csv(evaluation.cells))
-    write(folder, "results.json", json.dumps(as_results(evaluation), indent=1) + "\n")
-    write(folder, "report.html", render(evaluation, commands))
+    write_whole(folder / "table.md", text)
+    write_whole(folder / "table.csv", as_csv(evaluation.cells))
+    write_whole(folder / "results.json", json.dumps(as_results(evaluation), indent=1) + "\n")
+    write_whole(folder / "report.html", render(evaluation, commands))
     return text
 
 

@@ -10,7 +10,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
@@ -261,10 +260,3 @@ def as_results(evaluation: Evaluation) -> dict[str, Any]:
         },
         "comparisons": [asdict(c) | {"difference": c.difference, "p": c.p} for c in evaluation.comparisons],
     }
-
-
-def write(folder: Path, name: str, text: str) -> None:
-    """Whole or not at all."""
-    temporary = folder / f"{name}.tmp"
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, folder / name)

@@ -6,7 +6,6 @@ Each claim is geometry in the object's frame. A planner gets the points alone, w
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
 from pecgrasp_env.objects import make_object
 from pecgrasp_env.proportions import wilson_interval
+from pecgrasp_env.whole_files import write_whole
 
 FloatArray = NDArray[np.float64]
 Side = Literal["whole", "one side"]
@@ -229,7 +229,7 @@ def measure_figures(
                     "interval": wilson_interval(count, instances),
                 }
             rows.append(row)
-        _write(path, {"settings": settings, "rows": rows})
+        write_whole(path, json.dumps({"settings": settings, "rows": rows}, indent=1) + "\n")
         say(f"{claim.name}: done")
     results = {"settings": settings, "rows": rows}
     say(table_of(results))
@@ -247,10 +247,3 @@ def table_of(results: Mapping[str, Any]) -> str:
             cells.append(f"{row[name]['share']:.0%} ({100 * low:.0f}–{100 * high:.0f})".replace("%", ""))
         lines.append(f"| {row['object'].replace('_', ' ')} | {row['claim']} | {row['side']} | {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def _write(path: Path, results: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(results, indent=1) + "\n")
-    os.replace(temporary, path)

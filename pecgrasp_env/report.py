@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -23,6 +22,7 @@ from pecgrasp_env.charts import bars, confusion_matrix, curve, number
 from pecgrasp_env.episode import OUTCOME_WORDS
 from pecgrasp_env.episode_record import EpisodeRecord
 from pecgrasp_env.proportions import wilson_interval
+from pecgrasp_env.whole_files import write_whole
 
 UP = (0.0, 0.0, 1.0)  # of the robot's base frame, in which records are
 _FIGURE_POINTS = 12_000  # 60 kB a figure
@@ -68,9 +68,7 @@ def stage_times(episodes: Sequence[EpisodeRecord]) -> dict[str, tuple[float, flo
 
 def write_report(path: Path, record: ReportRecord, gripper: Gripper = ROBOTIQ_2F_140) -> None:
     """Writes the report to `path`, whole or not at all."""
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(render(record, gripper), encoding="utf-8")
-    os.replace(temporary, path)
+    write_whole(path, render(record, gripper))
 
 
 def render(record: ReportRecord, gripper: Gripper = ROBOTIQ_2F_140) -> str:

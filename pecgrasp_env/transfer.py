@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from pec.clouds import CloudDataset, load_dataset
 from pec.training import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.scene_clouds import capture_scenes
+from pecgrasp_env.whole_files import write_whole
 
 __all__ = ["cluster_interval", "run_transfer", "table"]
 
@@ -77,7 +77,7 @@ def run_transfer(settings: Mapping[str, Any], say: Callable[[str], None] = print
         )
         say(_line(rows[-1]))
         results = {"scenes": {"clouds": len(scenes), **settings["scenes"]}, "recipes": rows}
-        _write(out / "results.json", results)
+        write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
     return results
 
 
@@ -109,7 +109,7 @@ def _right(
     predictions = Classifier.load(trained["checkpoint"]).predict(scenes.clouds)
     names = [scenes.classes[label] for label in scenes.labels]
     right = [each.label == name for each, name in zip(predictions, names, strict=True)]
-    _write(path, {"fingerprint": scenes.fingerprint, "right": right})
+    write_whole(path, json.dumps({"fingerprint": scenes.fingerprint, "right": right}, indent=1) + "\n")
     return np.array(right, bool)
 
 
@@ -140,10 +140,3 @@ def _line(row: Mapping[str, Any]) -> str:
         f"{row['model']:<12}{row['scenario']:<10}{row['sensor']:<7}{row['defects']:<9}{100 * row['accuracy']:>6.1f} %  "
         f"[{100 * low:.1f}, {100 * high:.1f}]  seeds {seeds}"
     )
-
-
-def _write(path: Path, content: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    os.replace(temporary, path)

@@ -24,6 +24,7 @@ from grasping.viewer import page
 from pec.shards import Manifest, Shard, read_manifest, read_shard
 from pec.splits import read_splits
 from pecgrasp_env.charts import histogram
+from pecgrasp_env.whole_files import write_whole
 
 __all__ = ["CARD_NAME", "write_card"]
 
@@ -42,9 +43,7 @@ def write_card(directory: str | os.PathLike[str]) -> Path:
     manifest = read_manifest(directory)
     shards = [read_shard(directory / record.file) for record in manifest.shards]
     path = directory / CARD_NAME
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(_render(directory, manifest, shards), encoding="utf-8")
-    os.replace(temporary, path)
+    write_whole(path, _render(directory, manifest, shards))
     return path
 
 
