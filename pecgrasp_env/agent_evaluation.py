@@ -1,4 +1,4 @@
-"""How well an agent does that sees the state and acts in `pd_joint_delta_pos`, and two agents that do not try.
+"""How well an agent does that sees the state and acts in `pd_joint_pos`, and two agents that do not try.
 
 An agent is a callable: observation of the mode `state_dict`, batched with one sub-environment → action (8,).
 """
@@ -10,22 +10,26 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from pecgrasp_env.proportions import wilson_interval
+from pecgrasp_env.robot.linkage import STROKE
 
-Act = Callable[[Mapping[str, Any]], torch.Tensor]
+Act = Callable[[Mapping[str, Any]], np.ndarray]
 
 
 def idling() -> Act:
-    """The arm stays, the gripper open."""
-    return lambda obs: torch.tensor([0.0] * 6 + [1.0, 0.0])
+    """The arm stays where it is, the gripper open."""
+    return lambda obs: _action(obs, np.zeros(6), STROKE)
 
 
-def acting_at_random(generator: torch.Generator) -> Act:
-    """Every action as likely as any other."""
-    return lambda obs: 2 * torch.rand(8, generator=generator) - 1
+def acting_at_random(rng: np.random.Generator) -> Act:
+    """Each joint up to 0.1 rad from where it is, and any opening."""
+    return lambda obs: _action(obs, rng.uniform(-0.1, 0.1, 6), rng.uniform(0.0, STROKE))
+
+
+def _action(obs: Mapping[str, Any], step: np.ndarray, opening: float) -> np.ndarray:
+    return np.array([*(np.asarray(obs["agent"]["qpos"])[0, :6] + step), opening, 60.0], np.float32)
 
 
 def evaluate(env: gym.Env, agent: Callable[[], Act], seeds: Sequence[int], most_steps: int) -> dict[str, Any]:

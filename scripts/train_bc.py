@@ -6,7 +6,8 @@ import hydra
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from pecgrasp_env.behaviour_cloning import CloningConfig, CloningError, train
+from pecgrasp_env.behaviour_cloning import CloningConfig, train
+from pecgrasp_env.moments import MomentsError
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="train_bc")
@@ -14,7 +15,7 @@ def main(cfg: DictConfig) -> None:
     torch.set_num_threads(1)
     try:
         results = train(CloningConfig(**OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)))
-    except (CloningError, FileNotFoundError) as error:
+    except (MomentsError, FileNotFoundError) as error:
         sys.exit(f"train_bc: {error}")
     print(f"{results['demonstrations']} demonstrations, {results['samples']} samples, {results['seconds']:.0f} s")
     print(f"{'':10}{'success, 95 %':>24}{'held, 95 %':>24}{'return':>16}{'closest, mm':>13}")
