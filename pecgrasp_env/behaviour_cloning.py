@@ -27,6 +27,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pecgrasp_env.agent_evaluation import Act, acting_at_random, evaluate, idling, show
 from pecgrasp_env.moments import Moments, read_demonstrations
+from pecgrasp_env.whole_files import write_whole
 
 _UNIT = np.array([0.2] * 6 + [0.07, 60.0], np.float32)  # rad, m, N: of what the network says
 
@@ -189,6 +190,4 @@ def acting(net: Cloned, execute: int) -> Act:
 
 
 def _write_json(path: Path, content: Any) -> None:
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(json.dumps(content, indent=1))
-    os.replace(temporary, path)
+    write_whole(path, json.dumps(content, indent=1) + "\n")

@@ -30,6 +30,7 @@ from pecgrasp_env.evaluation import Protocol
 from pecgrasp_env.policy import ScriptedPolicy
 from pecgrasp_env.robot.linkage import MAX_FORCE, MIN_FORCE, STROKE
 from pecgrasp_env.summary import summarise
+from pecgrasp_env.whole_files import write_whole
 
 CONTROL_MODES = ("pd_joint_pos", "pd_joint_delta_pos")
 KEEP = ("success", "all")
@@ -145,9 +146,7 @@ def _join(folder: Path, seeds: Sequence[int], path: Path, env_kwargs: Mapping[st
 
 
 def _write_json(path: Path, content: Any) -> None:
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(json.dumps(content, indent=1))
-    os.replace(temporary, path)
+    write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
 # ------------------------------------------------------------------------------------------------------ one episode
