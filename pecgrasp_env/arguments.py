@@ -26,10 +26,9 @@ def check_scene(
         raise TaskError(f"n_objects={n_objects}: others than the asked-for one need another class in classes")
     if clutter not in CLUTTERS:
         raise TaskError(f"clutter={clutter!r}: must be one of {CLUTTERS}")
-    if clearance < 0:
-        raise TaskError(f"clearance={clearance}: must not be negative")
-    if joint_noise < 0:
-        raise TaskError(f"joint_noise={joint_noise}: must not be negative")
+    for name, value in (("clearance", clearance), ("joint_noise", joint_noise)):
+        if not 0 <= value < float("inf"):
+            raise TaskError(f"{name}={value}: must be a number and not negative")
 
 
 def check_sensing(

@@ -99,7 +99,7 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
         confidence=log.confidence,
         objects=[model.instance for model in models],
         stages={name: [round(each, 6) for each in seconds] for name, seconds in log.stages.items()},
-        disturbance_m=round(float(info["disturbance_m"]), 6) if len(models) > 1 and "disturbance_m" in info else None,
+        disturbance_m=round(float(info["disturbance_m"]), 6) if len(models) > 1 else None,
     )
 
 

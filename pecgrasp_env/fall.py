@@ -80,15 +80,9 @@ def settle(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray
         (k, 7) poses at the end, and (k,) bool: at rest there, above the plane.
     """
     with _task_physics() as material:
-        return _settle(models, poses, material)
-
-
-def _settle(
-    models: Sequence[ObjectModel], poses: np.ndarray, material: physx.PhysxMaterial
-) -> tuple[np.ndarray, np.ndarray]:
-    scene, bodies = _build(models, poses, floor=material)
-    _calm(scene, bodies)
-    return _prove(scene, bodies)
+        scene, bodies = _build(models, poses, floor=material)
+        _calm(scene, bodies)
+        return _prove(scene, bodies)
 
 
 def push_together(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

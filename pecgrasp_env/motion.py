@@ -94,11 +94,6 @@ def time_law(waypoints: np.ndarray, dt: float, speed: float = 1.0) -> np.ndarray
     return np.stack([np.interp(s, arc, waypoints[:, j]) for j in range(waypoints.shape[1])], axis=1)
 
 
-def joint_move(q_start: np.ndarray, q_end: np.ndarray) -> np.ndarray:
-    """The straight way in joint space, as waypoints (2, 6)."""
-    return np.stack([np.asarray(q_start, float), np.asarray(q_end, float)])
-
-
 def solutions_near(T_base_tool0: np.ndarray, q_home: np.ndarray, q_now: np.ndarray) -> Sequence[np.ndarray]:
     """All joint solutions of a tool pose, best first: near the home posture (so the elbow stays up), then a short way
     to go.

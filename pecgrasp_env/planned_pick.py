@@ -44,6 +44,7 @@ class PlannedPick:
         if self.plan is None or self.plan.best is None or self.chosen is None:
             why = "" if self.plan is None else self.plan.reason
             return replace(self, reason=f"no grasp: {why}")
+        approach = None
         if q is None:
             grasp = self.plan.best
             T_base_grasp, T_base_tool0, opening = grasp_to_carry_out(grasp, plane)
@@ -54,8 +55,8 @@ class PlannedPick:
                 return replace(self, reason=f"no motion: {error}")
             grasp, T_base_grasp, T_base_tool0 = approach.grasp, approach.T_base_grasp, approach.T_base_tool0
             opening = approach.opening
-            self = replace(self, approach=approach)
-        return replace(self, T_base_grasp=T_base_grasp, T_base_tool0=T_base_tool0, width=grasp.width, opening=opening)
+        found = replace(self, approach=approach, width=grasp.width, opening=opening)
+        return replace(found, T_base_grasp=T_base_grasp, T_base_tool0=T_base_tool0)
 
 
 def percept_of(

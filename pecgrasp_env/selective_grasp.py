@@ -297,8 +297,8 @@ class SelectiveGraspEnv(BaseEnv):
             actor.set_pose(Pose.create(placed[:, slot]))
         self.agent.reset(torch.tensor(qpos, device=self.device))
         self.agent.robot.set_pose(sapien.Pose())
-        drawn = (torch.as_tensor(numbers, device=self.device) for numbers in (asked, noise))
-        self.memory.begin(env_idx, next(drawn), placed[..., :3], next(drawn))
+        asked_for, noise_seeds = (torch.as_tensor(numbers, device=self.device) for numbers in (asked, noise))
+        self.memory.begin(env_idx, asked_for, placed[..., :3], noise_seeds)
 
     @property
     def target_class(self) -> torch.Tensor:

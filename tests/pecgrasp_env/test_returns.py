@@ -67,7 +67,6 @@ def test_the_expert_earns_more_than_those_who_do_not_do_the_task(seed):
         if who == "holds the wrong one":
             assert info["wrong_held"]
     env.close()
-    print(paid)
     assert paid["expert"] > 5
     assert paid["idles"] == pytest.approx(0.0, abs=0.05)
     assert paid["pushes"] < 1
