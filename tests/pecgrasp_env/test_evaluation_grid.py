@@ -49,7 +49,7 @@ def resolved(*overrides):
     ("overrides", "scene", "n_objects"),
     [
         (["checkpoint=x"], "3 objects, ideal", 3),
-        (["checkpoint=x", "env.n_objects=5", "env.sensor=d435"], "5 objects, d435", 5),
+        (["checkpoint=x", "env.n_objects=5", "env.clutter=close", "env.sensor=d435"], "5 objects, d435", 5),
         (["checkpoint=x", "experiment=selective"], "3 apart", 3),
         (["experiment=table_5_2", "object=wire_cutter"], "wire_cutter", 1),
     ],
