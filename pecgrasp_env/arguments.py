@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pecgrasp_env.choice import MOST_OBJECTS
 from pecgrasp_env.clutter import CLUTTERS
 from pecgrasp_env.sensor import SENSOR_MODES
@@ -46,5 +48,5 @@ def check_sensing(
     if cloud_points < 1:
         raise TaskError(f"cloud_points={cloud_points}: must be at least 1")
     for name, limits in (("friction", friction), ("mass_scale", mass_scale)):
-        if limits is not None and not (len(limits) == 2 and 0 < limits[0] <= limits[1] < float("inf")):
+        if limits is not None and not (np.shape(limits) == (2,) and 0 < limits[0] <= limits[1] < float("inf")):
             raise TaskError(f"{name}={limits}: must be None or two numbers 0 < least <= greatest")

@@ -322,6 +322,8 @@ def test_dense_rewards_keep_their_bounds(env):
         ({"resolution": "100x100"}, SensorError, "100x100"),
         ({"clearance": -0.1}, TaskError, "clearance=-0.1"),
         ({"joint_noise": -1.0}, TaskError, "joint_noise=-1.0"),
+        ({"clearance": float("nan")}, TaskError, "clearance=nan"),
+        ({"friction": 0.5}, TaskError, "friction=0.5"),
         ({"classes": ("mouse", "mouse")}, TaskError, "classes"),
         ({"classes": ("mouse", "can"), "n_objects": 1}, TaskError, "can"),
         ({"classes": ("mouse", "unicorn"), "n_objects": 1, "objects": None}, ObjectError, "unicorn"),
