@@ -68,7 +68,7 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
         obs, _ = env.reset(seed=settings["seed"])
         percept = read_observation(obs)
         env.close()
-        cloud = deproject(percept.depth, percept.intrinsics)
+        cloud = deproject(*percept.picture)
         cloud[gripper_mask(cloud, percept.opening)] = np.nan
         T = percept.T_base_camera
         cloud = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)

@@ -51,7 +51,8 @@ class EpisodeRecorder:
 
             def caption(badge: tuple[str, str] | None = None) -> np.ndarray:
                 heading = f"Episode {number} of {self._total}: the {target.replace('_', ' ')} is asked for"
-                return compose(pictures[-1], heading, policy.log.doing, depth=policy.depth, badge=badge)
+                depth = None if policy.percept is None else policy.percept.picture.depth
+                return compose(pictures[-1], heading, policy.log.doing, depth=depth, badge=badge)
 
             def on_step(env: Any) -> None:
                 nonlocal steps, target
@@ -73,7 +74,7 @@ class EpisodeRecorder:
 
 def _with_sight(record: EpisodeRecord, sight: Sight) -> EpisodeRecord:
     percept = sight.percept
-    cloud = deproject(percept.depth, percept.intrinsics).reshape(-1, 3)
+    cloud = deproject(*percept.picture).reshape(-1, 3)
     T = percept.T_base_camera
     cloud = cloud[np.isfinite(cloud).all(axis=1)] @ T[:3, :3].T + T[:3, 3]
     objects = []

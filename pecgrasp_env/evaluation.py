@@ -7,6 +7,7 @@ and neither the number of processes nor that of jobs changes anything but the ti
 
 from __future__ import annotations
 
+import gc
 import json
 import multiprocessing
 import os
@@ -202,7 +203,9 @@ class _Worker:
         looks = {} if pictures is None else {"render_mode": "rgb_array", "human_render_camera_configs": camera()}
         self._policy = protocol.make_policy()
         self._env = protocol.make_env(**looks)
+        self._env.unwrapped.pictures_on_demand = True
         self._pictures = pictures
+        gc.freeze()  # ManiSkill collects garbage at each reset; what is here by now is none
 
     def run(self, seed: int) -> Episode:
         try:

@@ -85,7 +85,8 @@ def what_it_saw(sight: Sight) -> np.ndarray:
     Where one was chosen, only the part about it, with the best grasp as pads and hand in red.
     """
     percept = sight.percept
-    height, width = percept.depth.shape
+    depth = percept.picture.depth
+    height, width = depth.shape
     places = [np.column_stack(_pixels(percept, seen.points)) for seen in sight.objects]
     tinted = np.full((height, width), -1)
     for k, place in enumerate(places):
@@ -97,7 +98,7 @@ def what_it_saw(sight: Sight) -> np.ndarray:
         corner = places[sight.chosen].mean(axis=0) - share * size / 2
         left, top = np.clip(corner, 0, (1 - share) * size).astype(int)
     part = slice(top, top + round(share * height)), slice(left, left + round(share * width))
-    picture, tinted = depth_picture(percept.depth[part]), tinted[part]
+    picture, tinted = depth_picture(depth[part]), tinted[part]
     for k in range(len(places)):
         tone = _CHOSEN if k == sight.chosen else _TONES[k % len(_TONES)]
         picture[tinted == k] = (0.5 * picture[tinted == k] + 0.5 * np.array(tone)).astype(np.uint8)
@@ -137,7 +138,7 @@ def _pixels(percept: Percept, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Columns and rows (n,) of points (n, 3) of the base frame, which may lie outside of the picture."""
     T = np.linalg.inv(percept.T_base_camera)
     x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
-    K, z = percept.intrinsics, np.maximum(z, 1e-3)
+    K, z = percept.picture.intrinsics, np.maximum(z, 1e-3)
     return K.fx * x / z + K.cx, K.fy * y / z + K.cy
 
 

@@ -4,9 +4,10 @@ classes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,22 +27,33 @@ class ObservationError(ValueError):
     """The observation lacks what the policy needs; the message names the key."""
 
 
+class Picture(NamedTuple):
+    """depth: (H, W) float32 m along the optical axis, 0 for none."""
+
+    depth: np.ndarray
+    intrinsics: CameraIntrinsics
+
+
 @dataclass(frozen=True)
 class Percept:
-    """One observation: joint angles (6,) rad, gripper opening m, depth (H, W) m with 0 for none, the camera's
-    intrinsics, and the force between the pads, N, where the gripper tells it.
+    """One observation: joint angles (6,) rad, gripper opening m, the camera's picture, and the force between the pads,
+    N, where the gripper tells it.
 
-    camera: T_base_camera (4, 4) where it is known otherwise than from the joint angles. shows_gripper: whether the
-    camera sits on the bracket, so that the gripper may be in its picture.
+    take: takes the picture, at the first look. camera: T_base_camera (4, 4) where it is known otherwise than from the
+    joint angles. shows_gripper: whether the camera sits on the bracket, so that the gripper may be in its picture.
     """
 
     q: np.ndarray
     opening: float
-    depth: np.ndarray
-    intrinsics: CameraIntrinsics
+    take: Callable[[], Picture]
     force: float | None = None
     camera: np.ndarray | None = None
     shows_gripper: bool = True
+
+    @cached_property
+    def picture(self) -> Picture:
+        """Taken once."""
+        return self.take()
 
     @property
     def T_base_camera(self) -> np.ndarray:
@@ -55,20 +67,24 @@ def read_observation(obs: Mapping[str, Any]) -> Percept:
     Raises:
         ObservationError: a key is missing, or there is more than one sub-environment.
     """
-    camera = _at(obs, "sensor_data", "wrist_camera", "depth")
-    depth = np.asarray(camera, np.float32)
-    if depth.ndim == 4:
-        if len(depth) != 1:
-            raise ObservationError(f"obs holds {len(depth)} sub-environments: the policy drives one robot")
-        depth = depth[0]
+    pictures = _at(obs, "sensor_data", "wrist_camera")
+    if "depth" not in pictures:
+        raise ObservationError("obs has no sensor_data/wrist_camera/depth: use an obs_mode with depth")
+    qpos = np.atleast_2d(np.asarray(_at(obs, "agent", "qpos"), float))
+    if len(qpos) != 1:
+        raise ObservationError(f"obs holds {len(qpos)} sub-environments: the policy drives one robot")
     K = np.asarray(_at(obs, "sensor_param", "wrist_camera", "intrinsic_cv"), float).reshape(3, 3)
-    height, width = depth.shape[:2]
-    intrinsics = CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
-    q = np.asarray(_at(obs, "agent", "qpos"), float).reshape(-1)[:6]
+
+    def take() -> Picture:
+        depth = np.asarray(pictures["depth"], np.float32)
+        height, width = depth.shape[-3:-1]
+        return Picture(
+            depth.reshape(height, width), CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        )
+
     opening = float(np.asarray(_at(obs, "extra", "opening")).reshape(-1)[0])
     force = obs["extra"].get("force")
-    force = None if force is None else float(np.asarray(force).reshape(-1)[0])
-    return Percept(q, opening, depth.reshape(height, width), intrinsics, force)
+    return Percept(qpos[0, :6], opening, take, None if force is None else float(np.asarray(force).reshape(-1)[0]))
 
 
 def _at(obs: Mapping[str, Any], *keys: str) -> Any:
@@ -134,7 +150,7 @@ def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
 
 def cut_out(percept: Percept, segmenter: Segmenter) -> Scene:
     """The objects in one picture, camera frame; `indices` are those of the picture's pixels, row by row."""
-    cloud = deproject(percept.depth, percept.intrinsics)
+    cloud = deproject(*percept.picture)
     if percept.shows_gripper:
         cloud[gripper_mask(cloud, percept.opening)] = np.nan
     return segmenter.segment(cloud, up=percept.T_base_camera[:3, :3].T @ UP)
@@ -184,7 +200,7 @@ def still_there(seen: SeenObject, percept: Percept, plane: np.ndarray | None) ->
     by something no higher than it.
     """
     normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
-    cloud = deproject(percept.depth, percept.intrinsics)
+    cloud = deproject(*percept.picture)
     T = percept.T_base_camera
     valid = np.isfinite(cloud[..., 2])
     if percept.shows_gripper:

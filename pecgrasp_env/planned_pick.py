@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from grasping import ROBOTIQ_2F_140, GraspPlan
 from pecgrasp_env.approach import Approach, grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion import MotionError
-from pecgrasp_env.perception import ObservationError, Percept, SeenObject
+from pecgrasp_env.perception import ObservationError, Percept, Picture, SeenObject
 from pecgrasp_env.sensor import CameraIntrinsics
 
 _OPENING_SLACK_M = 0.002  # a measured opening may lie a little outside of the stroke
@@ -70,10 +70,10 @@ def percept_of(
 
     Raises ObservationError that names what is wrong.
     """
-    picture = np.nan_to_num(np.asarray(depth, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    depth = np.nan_to_num(np.asarray(depth, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     expected = (intrinsics.height, intrinsics.width)
-    if picture.shape != expected:
-        raise ObservationError(f"depth has shape {picture.shape}; the intrinsics are of a picture {expected}")
+    if depth.shape != expected:
+        raise ObservationError(f"depth has shape {depth.shape}; the intrinsics are of a picture {expected}")
     T = np.asarray(T_base_camera, float)
     if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3:
         raise ObservationError(f"T_base_camera must be a rigid transform (4, 4), got {T.tolist()}")
@@ -82,5 +82,5 @@ def percept_of(
         raise ObservationError(f"q must be six joint angles in radians, got {joints.tolist()}")
     if opening is not None and not -_OPENING_SLACK_M <= opening <= ROBOTIQ_2F_140.stroke + _OPENING_SLACK_M:
         raise ObservationError(f"opening={opening}: must be within 0 … {ROBOTIQ_2F_140.stroke} m")
-    shown = opening is not None
-    return Percept(joints, opening or 0.0, picture, intrinsics, camera=T, shows_gripper=shown)
+    taken, shown = Picture(depth, intrinsics), opening is not None
+    return Percept(joints, opening or 0.0, lambda: taken, camera=T, shows_gripper=shown)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from dataclasses import asdict
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from pecgrasp_env.clutter import lay_out
 from pecgrasp_env.contacts import held_objects, outward, pad_forces, pads_centre, squeeze
 from pecgrasp_env.fall import CONTACT_OFFSET_M
 from pecgrasp_env.objects import LARS_CLASSES, open_objects
+from pecgrasp_env.on_demand import Pictures
 from pecgrasp_env.placement import Region
 from pecgrasp_env.robot import UR5Robotiq2F140
 from pecgrasp_env.sampled_cloud import sample_cloud
@@ -168,6 +170,9 @@ class SelectiveGraspEnv(BaseEnv):
     SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid,)
     SUPPORTED_REWARD_MODES = ("normalized_dense", "dense", "sparse", "none")
     agent: UR5Robotiq2F140
+    # Set to True, visual observations hold `Pictures`, the same ones: each is drawn if and when it is looked at, which
+    # must be before the next step. For whoever looks seldom, as the scripted policy; wrappers that copy look always.
+    pictures_on_demand = False
 
     def __init__(
         self,
@@ -208,6 +213,7 @@ class SelectiveGraspEnv(BaseEnv):
         self.light = light
         self.cloud_points = cloud_points
         self._only_cloud = obs_mode == "cloud"
+        self._shown: dict[str, Pictures] = {}
         self.joint_noise = joint_noise
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
@@ -405,7 +411,15 @@ class SelectiveGraspEnv(BaseEnv):
         return "cloud" if self._only_cloud else self._obs_mode
 
     def _get_obs_with_sensor_data(self, info: dict, apply_texture_transforms: bool = True) -> dict:
-        observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
+        if self.pictures_on_demand and apply_texture_transforms:
+            observation = {
+                "agent": self._get_obs_agent(),
+                "extra": self._get_obs_extra(info),
+                "sensor_param": self.get_sensor_params(),
+                "sensor_data": self._pictures(),
+            }
+        else:
+            observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
         if not self._only_cloud:
             return observation
         depth = observation.pop("sensor_data")["wrist_camera"]["depth"]
@@ -419,6 +433,16 @@ class SelectiveGraspEnv(BaseEnv):
             self.cloud_points,
         )
         return {**observation, "cloud": cloud}
+
+    def _pictures(self) -> dict[str, Pictures]:
+        """Each sensor's pictures of this moment, not yet taken; those of the moment before can be had no more."""
+        for pictures in self._shown.values():
+            pictures.expire()
+        taken = cache(self._get_obs_sensor_data)
+        visual = asdict(self.obs_mode_struct.visual)
+        kinds = [kind for kind, wanted in visual.items() if wanted]
+        self._shown = {name: Pictures(kinds, partial(lambda sensor: taken()[sensor], name)) for name in self._sensors}
+        return dict(self._shown)
 
     @cached_property
     def single_observation_space(self) -> spaces.Space:

@@ -25,12 +25,12 @@ class Sight:
 
 
 class Watched:
-    """Does what the policy does. depth: (H, W) m of the last observation, 0 for none."""
+    """Does what the policy does. percept: the last observation."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self.sight: Sight | None = None
-        self.depth: np.ndarray | None = None
+        self.percept: Percept | None = None
 
     @property
     def log(self) -> PolicyLog:
@@ -42,13 +42,13 @@ class Watched:
 
     def reset(self, target: str) -> None:
         self._policy.reset(target)
-        self.sight = self.depth = None
+        self.sight = self.percept = None
 
     def act(self, obs: Mapping[str, Any]) -> np.ndarray:
         views, plan = self.log.views, self.log.plan
         action = self._policy.act(obs)
-        log, percept = self.log, read_observation(obs)
-        self.depth = percept.depth
+        log = self.log
+        self.percept = percept = read_observation(obs)
         if log.plan is not plan:
             self.sight = Sight(percept, list(log.objects), log.chosen, log.plan)
         elif log.views != views and (self.sight is None or self.sight.plan is None):

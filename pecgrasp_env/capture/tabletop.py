@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,8 +30,9 @@ from pecgrasp_env.capture.samples import Captured, Subject, measure, rotation_ma
 from pecgrasp_env.capture.studio import DepthStudio, Shot, Studio
 from pecgrasp_env.capture.table import Table, compose
 from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
-from pecgrasp_env.perception import Percept, cut_out
+from pecgrasp_env.perception import Percept, Picture, cut_out
 from pecgrasp_env.placement import PlacementError, arrange, settle
+from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.selective_grasp import REGION
 from pecgrasp_env.views import look_postures
 
@@ -79,8 +80,9 @@ class _Layout:
     number: int
     """Of the camera, among the configuration's."""
     camera: CameraIntrinsics
-    percept: Percept
-    """What the robot knows of itself; its depth is still to come."""
+    q: np.ndarray
+    """Joint angles (6,), rad."""
+    T_base_camera: np.ndarray
     shots: list[Shot]
 
 
@@ -144,8 +146,7 @@ class TabletopScenario:
             frames = iter(self._studio.photograph_all([shot for layout in layouts for shot in layout.shots]))
             for layout in layouts:
                 of_layout = list(itertools.islice(frames, len(layout.shots)))
-                T_base_camera = layout.percept.T_base_camera
-                table = compose(layout.shots, of_layout, T_base_camera, layout.camera) if of_layout else None
+                table = compose(layout.shots, of_layout, layout.T_base_camera, layout.camera) if of_layout else None
                 yield layout, table
 
     def _lay_out(self, models: Sequence[ObjectModel], seed: int) -> _Layout:
@@ -154,16 +155,16 @@ class TabletopScenario:
         posture = self._postures[number % len(self._postures)]
         camera = config.intrinsics[number // len(self._postures)]
         q = posture + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
-        percept = Percept(q, ROBOTIQ_2F_140.stroke, np.zeros(0), camera)
+        T_base_camera = forward_kinematics(q) @ T_TOOL0_CAMERA
         drawn = np.stack([poses[rng.integers(len(poses))] for poses in map(self._rest, models)])
         try:
             placed = arrange(models, drawn, rng, REGION, config.tabletop.clearance)
         except PlacementError:
-            return _Layout(seed, rng, number, camera, percept, [])
-        T_camera_base = np.linalg.inv(percept.T_base_camera)
+            return _Layout(seed, rng, number, camera, q, T_base_camera, [])
+        T_camera_base = np.linalg.inv(T_base_camera)
         poses = [T_camera_base @ _matrix(pose) for pose in placed]
         shots = [Shot(i, pose, camera, self._studio.extent(i, pose, camera)) for i, pose in enumerate(poses)]
-        return _Layout(seed, rng, number, camera, percept, shots)
+        return _Layout(seed, rng, number, camera, q, T_base_camera, shots)
 
     def _cut(
         self,
@@ -181,7 +182,8 @@ class TabletopScenario:
             return samples
         depth = measure(self._config, table.depth, layout.camera, layout.rng)
         try:
-            scene = cut_out(replace(layout.percept, depth=depth), self._segmenter)
+            percept = Percept(layout.q, ROBOTIQ_2F_140.stroke, lambda: Picture(depth, layout.camera))
+            scene = cut_out(percept, self._segmenter)
         except CloudError:
             for counter in reasons.values():
                 counter["not found"] += 1

@@ -7,15 +7,15 @@ from PIL import Image
 from grasping import CurvaturePlanner, Grasp, GraspPlan
 from pecgrasp_env.evaluation import Protocol
 from pecgrasp_env.failure_pictures import FailurePictures, camera, what_it_saw
-from pecgrasp_env.perception import Percept, SeenObject
+from pecgrasp_env.perception import Percept, Picture, SeenObject
 from pecgrasp_env.sensor import CameraIntrinsics
 from pecgrasp_env.views import HOME
 from pecgrasp_env.watched import Sight
 
 
 def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
-    depth = np.full((240, 424), 0.6, np.float32)
-    percept = Percept(np.array(HOME), 0.14, depth, CameraIntrinsics(424, 240, 306.0, 306.0, 212.0, 120.0))
+    picture = Picture(np.full((240, 424), 0.6, np.float32), CameraIntrinsics(424, 240, 306.0, 306.0, 212.0, 120.0))
+    percept = Percept(np.array(HOME), 0.14, lambda: picture)
     T = percept.T_base_camera
     ahead = T[:3, :3] @ np.array([0.05, 0.0, 0.55]) + T[:3, 3]
     pose = np.eye(4)
