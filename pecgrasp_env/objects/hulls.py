@@ -13,6 +13,8 @@ from trimesh.intersections import slice_faces_plane
 MAX_HULL_VERTICES = 60
 MAX_HULL_FACES = 58
 SKIPPED = 0.5  # mm, how far a hull may leave a corner of its slice outside
+# mm; a thinner hull PhysX replaces by the box around it: a disc of 0.13 mm by a square whose corners stick out
+THINNEST = 0.2
 
 
 def convex_hull(points: np.ndarray) -> ConvexHull:
@@ -26,6 +28,12 @@ def convex_hull(points: np.ndarray) -> ConvexHull:
 def hull_volume(points: np.ndarray) -> float:
     """Volume of the convex hull of (N, 3) points, in the cube of their unit."""
     return float(convex_hull(points).volume)
+
+
+def thickness(points: np.ndarray) -> float:
+    """The least extent of (N, 3) points across a face of their hull."""
+    equations = convex_hull(points).equations
+    return float(-(points @ equations[:, :3].T + equations[:, 3]).min(axis=0).max())
 
 
 def depth_below(points: np.ndarray, hull: ConvexHull) -> np.ndarray:
@@ -82,7 +90,8 @@ def group_sections(sections: np.ndarray, tolerance: float) -> list[np.ndarray]:
 
     sections: (S, K, 3). A run grows while no inner section lies deeper than `tolerance` in the hull of the run and the
     simplified hull leaves nothing further outside than SKIPPED: a straight or gently bulging stretch becomes one hull,
-    a waist or a bend is cut. Returns a list of (M, 3) hull vertices.
+    a waist or a bend is cut. What is thinner than THINNEST is left out, unless all is. Returns a list of (M, 3) hull
+    vertices.
     """
     hulls = []
     start = 0
@@ -99,7 +108,7 @@ def group_sections(sections: np.ndarray, tolerance: float) -> list[np.ndarray]:
                 end, kept, step = further, longer, 2 * step
         hulls.append(kept)
         start = end
-    return hulls
+    return [hull for hull in hulls if thickness(hull) >= THINNEST] or hulls
 
 
 def _fitting_hull(run: np.ndarray, tolerance: float) -> np.ndarray | None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pecgrasp_env.objects.hulls import (
     MAX_HULL_FACES,
     MAX_HULL_VERTICES,
+    THINNEST,
     carve,
     convex_hull,
     depth_below,
@@ -17,6 +18,7 @@ from pecgrasp_env.objects.hulls import (
     left_outside,
     simplify_hull,
     split_round,
+    thickness,
 )
 from pecgrasp_env.objects.model import centre_of_mass
 from pecgrasp_env.objects.shapes import rings
@@ -45,6 +47,23 @@ def test_a_straight_stretch_is_one_hull_and_a_waist_is_cut():
     true = np.pi * np.trapezoid((10 + 10 * (z / 30) ** 2) ** 2, z)
     assert sum(map(hull_volume, hulls)) == pytest.approx(true, rel=0.05)
     assert hull_volume(waisted.reshape(-1, 3)) > 1.5 * true
+
+
+def test_the_flat_rim_of_a_can_is_no_hull_of_its_own():
+    """A disc without thickness would be cooked into a square whose corners stick out of the can."""
+    can = rings(np.array([(41.0, 0.0), (44.0, 0.0), (44.0, 2.2), (43.0, 3.2), (43.0, 38.0)]), n=40)
+    hulls = group_sections(can, tolerance=0.5)
+    assert min(map(thickness, hulls)) >= THINNEST
+    assert min(hull[:, 2].min() for hull in hulls) == 0
+    foil = rings(np.array([(20.0, 0.0), (20.0, 0.1)]), n=24)
+    assert len(group_sections(foil, tolerance=0.5)) == 1  # there is nothing else
+
+
+def test_thickness_is_the_least_extent_across_a_face():
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 3) for z in (0, 0.25)])
+    assert thickness(corners) == pytest.approx(0.25)
+    assert thickness(corners * [1, 1, 0]) == pytest.approx(0, abs=1e-9)
+    assert thickness(np.eye(3, 4).T) == pytest.approx(3**-0.5)
 
 
 def test_carving_an_l_shape_gives_its_volume():
