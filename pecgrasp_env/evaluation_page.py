@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 
 from grasping.viewer import page
@@ -14,9 +14,9 @@ from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation_cells import Cell
 from pecgrasp_env.evaluation_tables import FIRST_TRY, Evaluation, p_value, progress_of
 from pecgrasp_env.failure_pictures import KINDS
-from pecgrasp_env.paired import ALL
+from pecgrasp_env.paired import ALL, Comparison
 from pecgrasp_env.proportions import wilson_interval
-from pecgrasp_env.summary import summarise
+from pecgrasp_env.summary import lifted, lifted_at_once, summarise
 
 _CAPTIONS = {
     "camera": "what the wrist camera measured; what was told apart, as what; the chosen object white, the grasp red",
@@ -31,7 +31,8 @@ def render(evaluation: Evaluation, commands: Sequence[str] = ()) -> str:
     body = [
         f"<header><h1>{_esc(evaluation.title)}</h1><p>{_esc(' '.join(evaluation.notes))}</p></header>",
         _tiles(evaluation),
-        "<h2>The right object lifted</h2>" + _success(evaluation),
+        "<h2>The right object lifted</h2>" + _success(evaluation, lifted),
+        "<h2>At the first try</h2>" + _success(evaluation, lifted_at_once),
         "<h2>What happened</h2>" + _outcomes(evaluation.cells),
         _comparisons(evaluation),
         _times(evaluation),
@@ -69,7 +70,7 @@ def _tiles(evaluation: Evaluation) -> str:
     for planner in evaluation.planners:
         episodes = evaluation.episodes(ALL, planner)
         if episodes:
-            count, n = _count(episodes, "success"), len(episodes)
+            count, n = sum(map(lifted, episodes)), len(episodes)
             low, high = wilson_interval(count, n)
             note = (
                 f"{_esc(planner)}: right object lifted<br>{count:,} of {n:,}, {100 * low:.1f}–{100 * high:.1f}&nbsp;%"
@@ -79,12 +80,12 @@ def _tiles(evaluation: Evaluation) -> str:
     return f'<div class="tiles">{inner}</div>' if tiles else "<p>No episode was run.</p>"
 
 
-def _success(evaluation: Evaluation) -> str:
+def _success(evaluation: Evaluation, won: Callable[[Episode], bool]) -> str:
     published = evaluation.published
     rows = []
     for scene in evaluation.rows:
         fields = [f"<td>{_name(scene)}</td>"]
-        fields += [_share(evaluation.episodes(scene, planner)) for planner in evaluation.planners]
+        fields += [_share(evaluation.episodes(scene, planner), won) for planner in evaluation.planners]
         for figures in published.values():
             figure = sum(figures.values()) / len(figures) if scene == ALL and figures else figures.get(scene)
             fields.append('<td class="none">–</td>' if figure is None else f"<td>{figure:.3g} %</td>")
@@ -92,10 +93,10 @@ def _success(evaluation: Evaluation) -> str:
     return _table(["", *evaluation.planners, *(f"published: {name}" for name in published)], rows)
 
 
-def _share(episodes: Sequence[Episode]) -> str:
+def _share(episodes: Sequence[Episode], won: Callable[[Episode], bool]) -> str:
     if not episodes:
         return '<td class="none">–</td>'
-    count, n = _count(episodes, "success"), len(episodes)
+    count, n = sum(map(won, episodes)), len(episodes)
     low, high = wilson_interval(count, n)
     return (
         f'<td class="share"><b>{100 * count / n:.1f} %</b><i><span style="width:{100 * count / n:.1f}%"></span></i>'
@@ -135,16 +136,20 @@ def _outcomes(cells: Sequence[Cell]) -> str:
 def _comparisons(evaluation: Evaluation) -> str:
     if not evaluation.comparisons:
         return ""
+    note = "Seed by seed every planner meets the same scene. McNemar's exact test, two-sided, each row by itself."
+    tables = _pairs(evaluation.comparisons, "lifted it") + _pairs(evaluation.first_try_comparisons, "at the first try")
+    return f"<h2>Planners on the same scenes</h2><p>{note}</p>{tables}"
+
+
+def _pairs(comparisons: Sequence[Comparison], what: str) -> str:
     rows = []
-    for each in evaluation.comparisons:
+    for each in comparisons:
         counts = (each.both, each.only_first, each.only_second, each.neither)
         numbers = [*map(str, counts), f"{100 * each.difference:+.1f}", _esc(p_value(each.p))]
         fields = [_name(each.scene), _name(each.first), _name(each.second), *numbers]
         rows.append("".join(f"<td>{text}</td>" for text in fields))
-    head = ["scene", "first", "second", "both lifted it", "only first", "only second", "neither"]
-    head += ["first − second, points", "p"]
-    note = "Seed by seed every planner meets the same scene. McNemar's exact test, two-sided, each row by itself."
-    return f"<h2>Planners on the same scenes</h2><p>{note}</p>{_table(head, rows)}"
+    head = ["scene", "first", "second", f"both {what}", "only first", "only second", "neither"]
+    return _table([*head, "first − second, points", "p"], rows)
 
 
 def _times(evaluation: Evaluation) -> str:
@@ -169,7 +174,7 @@ def _times(evaluation: Evaluation) -> str:
 def _failures(evaluation: Evaluation) -> str:
     sections = []
     for cell in evaluation.cells:
-        failed = [episode for episode in cell.episodes if episode.outcome != "success"]
+        failed = [episode for episode in cell.episodes if not lifted(episode)]
         if failed:
             words = Counter(OUTCOME_WORDS[episode.outcome][0] for episode in failed)
             told = ", ".join(f"{count} {word}" for word, count in words.most_common())
@@ -217,10 +222,6 @@ def _table(head: Sequence[str], rows: Sequence[str]) -> str:
     names = "".join(f"<th>{_name(name)}</th>" for name in head)
     body = "".join(f"<tr>{row}</tr>" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table></div>'
-
-
-def _count(episodes: Sequence[Episode], outcome: str) -> int:
-    return sum(episode.outcome == outcome for episode in episodes)
 
 
 def _name(text: str) -> str:

@@ -8,21 +8,23 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation_cells import Cell, read_cells
 from pecgrasp_env.paired import ALL, Comparison, compare
-from pecgrasp_env.summary import summarise
+from pecgrasp_env.proportions import wilson_interval
+from pecgrasp_env.summary import lifted, lifted_at_once, summarise
 
 FIRST_TRY = "lifted, and no try failed before"
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All cells of a folder, in the order of the tables, and the planners paired.
+    """All cells of a folder, in the order of the tables, and the planners paired, by what they lifted at whichever try
+    and by what at the first one.
 
     reference: the planner that the others are compared with, and that stands first. published: figures of others, in %,
     by their name and then by scene. notes: sentences below the tables. one_kind: whether all scenes together mean
@@ -32,6 +34,7 @@ class Evaluation:
     title: str
     cells: Sequence[Cell]
     comparisons: Sequence[Comparison]
+    first_try_comparisons: Sequence[Comparison]
     reference: str
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     notes: Sequence[str] = ()
@@ -69,8 +72,20 @@ def read_evaluation(folder: str | os.PathLike[str], table: Mapping[str, Any]) ->
     found = read_cells(folder)
     cells = sorted(_told_apart(found), key=order)
     one_kind = {(cell.scene, cell.planner) for cell in found} == {(cell.scene, cell.planner) for cell in cells}
-    comparisons = [each for each in compare(cells, reference) if one_kind or each.scene != ALL]
-    return Evaluation(table["title"], cells, comparisons, reference, table["published"], table["notes"], one_kind)
+
+    def paired(won: Callable[[Episode], bool]) -> list[Comparison]:
+        return [each for each in compare(cells, reference, won) if one_kind or each.scene != ALL]
+
+    return Evaluation(
+        table["title"],
+        cells,
+        paired(lifted),
+        paired(lifted_at_once),
+        reference,
+        table["published"],
+        table["notes"],
+        one_kind,
+    )
 
 
 def _told_apart(cells: Sequence[Cell]) -> list[Cell]:
@@ -106,31 +121,38 @@ def _natural(text: str) -> list[tuple[int, str]]:
 
 def markdown(evaluation: Evaluation) -> str:
     """Success by scene and planner; every outcome; the pairs; the times; the reasons."""
-    parts = [f"# {evaluation.title}", "", *_success(evaluation)]
+    parts = [f"# {evaluation.title}", "", *_success(evaluation, "right object lifted", lifted)]
+    parts += ["", *_success(evaluation, "at the first try", lifted_at_once)]
     parts += ["", "## What happened", "", *_outcomes(evaluation.cells)]
     if evaluation.comparisons:
-        parts += ["", "## Planners on the same scenes", "", *_comparisons(evaluation.comparisons)]
+        parts += ["", "## Planners on the same scenes", "", *_comparisons(evaluation.comparisons, "lifted it")]
+        parts += ["", *_comparisons(evaluation.first_try_comparisons, "at the first try")]
     parts += ["", "## Time of a call, ms: median / 95 %", "", *_times(evaluation.cells)]
     parts += ["", "## Reasons", "", *_reasons(evaluation.cells)]
     parts += ["", "Shares in %, with Wilson's 95 % interval in brackets.", *evaluation.notes]
     return "\n".join(parts) + "\n"
 
 
-def _success(evaluation: Evaluation) -> list[str]:
+def _success(evaluation: Evaluation, title: str, won: Callable[[Episode], bool]) -> list[str]:
     planners, published = evaluation.planners, evaluation.published
-    lines = _head(["right object lifted", *planners, *(f"published: {name}" for name in published)])
+    lines = _head([title, *planners, *(f"published: {name}" for name in published)])
     for scene in evaluation.rows:
         fields = [scene.replace("_", " ")]
         for planner in planners:
             episodes = evaluation.episodes(scene, planner)
-            lifted = share_of(summarise(episodes)["outcomes"]["success"]) if episodes else ""
-            fields.append(f"{lifted}, n = {len(episodes)}" if episodes else "–")
+            fields.append(_counted(sum(map(won, episodes)), len(episodes)))
         for figures in published.values():
             mean = sum(figures.values()) / len(figures) if figures else None
             figure = mean if scene == ALL else figures.get(scene)
             fields.append("–" if figure is None else f"{figure:.3g}")
         lines.append(_row(fields))
     return lines
+
+
+def _counted(count: int, n: int) -> str:
+    if not n:
+        return "–"
+    return f"{share_of({'share': count / n, 'interval': wilson_interval(count, n)})}, n = {n}"
 
 
 def share_of(share: Mapping[str, Any]) -> str:
@@ -164,8 +186,8 @@ def progress_of(cell: Cell) -> str:
     return str(done) if done == cell.wanted else f"{done} of {cell.wanted}"
 
 
-def _comparisons(comparisons: Sequence[Comparison]) -> list[str]:
-    head = ["scene", "first", "second", "both lifted it", "only first", "only second", "neither"]
+def _comparisons(comparisons: Sequence[Comparison], what: str) -> list[str]:
+    head = ["scene", "first", "second", f"both {what}", "only first", "only second", "neither"]
     lines = _head([*head, "first − second, points", "p, McNemar exact"])
     for each in comparisons:
         counts = (each.both, each.only_first, each.only_second, each.neither)
@@ -258,5 +280,10 @@ def as_results(evaluation: Evaluation) -> dict[str, Any]:
             for planner in evaluation.planners
             if evaluation.one_kind and (episodes := evaluation.episodes(ALL, planner))
         },
-        "comparisons": [asdict(c) | {"difference": c.difference, "p": c.p} for c in evaluation.comparisons],
+        "comparisons": _as_rows(evaluation.comparisons),
+        "first_try_comparisons": _as_rows(evaluation.first_try_comparisons),
     }
+
+
+def _as_rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+    return [asdict(each) | {"difference": each.difference, "p": each.p} for each in comparisons]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pecgrasp_env.episode import Episode
 from pecgrasp_env.evaluation_cells import Cell
 from pecgrasp_env.proportions import mcnemar
+from pecgrasp_env.summary import lifted
 
 ALL = "all"
 
@@ -43,8 +44,10 @@ class Comparison:
         return mcnemar(self.only_first, self.only_second)
 
 
-def compare(cells: Sequence[Cell], reference: str) -> list[Comparison]:
+def compare(cells: Sequence[Cell], reference: str, won: Callable[[Episode], bool] = lifted) -> list[Comparison]:
     """The planner `reference` against each other one, in each scene and in all of them together.
+
+    won: what counts as success.
 
     Raises PairingError where episodes of one seed differ in their objects or in what is asked for.
     """
@@ -57,7 +60,7 @@ def compare(cells: Sequence[Cell], reference: str) -> list[Comparison]:
                 if (second.planner, second.scene) == (planner, first.scene):
                     pairs = _pairs(first, second)
                     if pairs:
-                        found.append(_count(first.scene, reference, planner, pairs))
+                        found.append(_count(first.scene, reference, planner, pairs, won))
         comparisons += found
         if len(found) > 1:
             totals = [sum(counts) for counts in zip(*(_counts(each) for each in found), strict=True)]
@@ -77,9 +80,15 @@ def _pairs(first: Cell, second: Cell) -> list[tuple[Episode, Episode]]:
     return pairs
 
 
-def _count(scene: str, first: str, second: str, pairs: Sequence[tuple[Episode, Episode]]) -> Comparison:
-    won = [(one.outcome == "success", other.outcome == "success") for one, other in pairs]
-    counts = [won.count(case) for case in ((True, True), (True, False), (False, True), (False, False))]
+def _count(
+    scene: str,
+    first: str,
+    second: str,
+    pairs: Sequence[tuple[Episode, Episode]],
+    won: Callable[[Episode], bool],
+) -> Comparison:
+    cases = [(won(one), won(other)) for one, other in pairs]
+    counts = [cases.count(case) for case in ((True, True), (True, False), (False, True), (False, False))]
     return Comparison(scene, first, second, *counts)
 
 

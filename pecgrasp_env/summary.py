@@ -13,6 +13,16 @@ from pecgrasp_env.episode import OUTCOMES, Episode
 from pecgrasp_env.proportions import wilson_interval
 
 
+def lifted(episode: Episode) -> bool:
+    """Whether the right object was lifted, at whichever try."""
+    return episode.outcome == "success"
+
+
+def lifted_at_once(episode: Episode) -> bool:
+    """The same, and no try failed before."""
+    return lifted(episode) and not episode.failures
+
+
 def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     """Counts, shares and Wilson intervals of each outcome, in all and for each asked-for class; reasons; times [ms].
 
@@ -24,7 +34,7 @@ def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     return {
         "episodes": len(episodes),
         "outcomes": _shares(episodes),
-        "first_try": _share(sum(e.outcome == "success" and not e.failures for e in episodes), len(episodes)),
+        "first_try": _share(sum(map(lifted_at_once, episodes)), len(episodes)),
         "by_class": {name: _shares([e for e in episodes if e.target == name]) for name in targets},
         "reasons": _counts([e.reason for e in episodes if e.reason is not None]),
         "failures": _counts([text for e in episodes for text in e.failures]),

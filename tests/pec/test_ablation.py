@@ -205,13 +205,14 @@ def launched(tmp_path_factory):
 def test_hydra_launches_the_grid(launcher, seeds, options, launched, shapes):
     if launcher != "basic":
         pytest.importorskip("hydra_plugins.hydra_" + launcher.split("_")[0] + "_launcher")
-    before = {path: path.stat().st_mtime_ns for path in launched.glob("cells/*/last/model.safetensors")}
-    command = [sys.executable, str(ROOT / "scripts" / "ablate.py"), "experiment=table_4_2", f"folder={launched}"]
+    folder = launched / "outputs/ablate/table_4_2"  # where the command puts it that says nothing of it
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("cells/*/last/model.safetensors")}
+    command = [sys.executable, str(ROOT / "scripts" / "ablate.py"), "experiment=table_4_2"]
     command += [f"dataset.path={shapes}", "dataset.samples_per_instance=10", "protocol=published", "protocol.epochs=1"]
     command += ["preprocess=none", f"seed={seeds}", "cache=null", "progress=false", f"hydra/launcher={launcher}"]
     done = subprocess.run([*command, *options], cwd=launched, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    cells = [json.loads(path.read_text()) for path in launched.glob("cells/*/cell.json")]
+    cells = [json.loads(path.read_text()) for path in folder.glob("cells/*/cell.json")]
     seen = {cell["settings"]["seed"] for cell in cells if cell["status"] == "done"}
     assert seen == set(range(int(seeds[-1]) + 1))
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())

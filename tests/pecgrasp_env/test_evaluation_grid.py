@@ -206,6 +206,21 @@ def test_planners_are_paired_by_seed_in_each_scene_and_in_all(tmp_path):
     assert compare(cells, "geograsp") == []
 
 
+def test_planners_are_paired_by_their_first_tries_too(tmp_path, outline):
+    """One lifts it at once, the other only after a try that failed."""
+    cell(tmp_path, "can", "default", [0, 0, 6])
+    cell(tmp_path, "can", "centroid", [0, 0, 0], failures=["slipped"])
+    evaluation = read_evaluation(tmp_path, TABLE)
+    assert evaluation.comparisons == [Comparison("can", "default", "centroid", 2, 0, 1, 0)]
+    assert evaluation.first_try_comparisons == [Comparison("can", "default", "centroid", 0, 2, 0, 1)]
+    text = markdown(evaluation)
+    rows = [line for line in text.splitlines() if line.startswith("| can | 66.7 (20.8–93.9), n = 3 |")]
+    assert [row.split(" | ")[2].split(" ")[0] for row in rows] == ["100.0", "0.0"]
+    assert "both at the first try" in text
+    assert "both at the first try" in outline(render(evaluation)).text
+    assert as_results(evaluation)["first_try_comparisons"][0]["only_first"] == 2
+
+
 def test_cells_of_one_name_but_of_other_seeds_are_not_mixed(tmp_path):
     for first_seed, outcomes in ((1, [0, 0]), (300000, [6, 6])):
         cell(tmp_path, "can", "default", outcomes, first_seed=first_seed)
