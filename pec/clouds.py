@@ -20,6 +20,8 @@ __all__ = [
     "remove_around_random_point",
 ]
 
+SIZES = ("stored", "mesh")
+_INCH = 0.0254  # m; ModelNet's files name no unit, most of its furniture is of life size if one of theirs is an inch
 # A mapped file stays open, and a process may hold 1024 files: shards beyond these are read into memory.
 _MOST_MAPPED = 400
 
@@ -42,6 +44,8 @@ class CloudDataset:
     """Differs where the data differ: the hashes of what was read."""
     test: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Splits that came with the data, by name ("sample", "instance", "official"): (n,) bool, true for test."""
+    mesh_scales: np.ndarray | None = None
+    """(n,) what clouds that were scaled to one size are divided by to have the size of their mesh, in its unit."""
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -68,7 +72,20 @@ class CloudDataset:
             labels=self.labels[indices],
             instances=self.instances[indices],
             test={name: mask[indices] for name, mask in self.test.items()},
+            mesh_scales=None if self.mesh_scales is None else self.mesh_scales[indices],
         )
+
+    def in_mesh_size(self) -> CloudDataset:
+        """Clouds in the size of their meshes, a unit of theirs taken for an inch; others are metric and stay.
+
+        Raises DatasetError where nothing says what that size was.
+        """
+        if self.mesh_scales is None:
+            raise DatasetError("dataset.size=mesh: these clouds come without the sizes of their meshes")
+        metric = np.isclose(self.mesh_scales, 1, atol=1e-4)
+        factors = np.where(metric, 1, _INCH / self.mesh_scales).astype(np.float32)
+        sized = [cloud * factor for cloud, factor in zip(self.clouds, factors, strict=True)]
+        return replace(self, clouds=sized, fingerprint=f"{self.fingerprint} in mesh size")
 
 
 def load_dataset(
@@ -76,8 +93,11 @@ def load_dataset(
     classes: Sequence[str] | None = None,
     samples_per_instance: int | None = None,
     min_points: int = 1,
+    size: str = "stored",
 ) -> CloudDataset:
     """A generated data set's directory, or ModelNet10 as one .npz.
+
+    size: "stored", or "mesh" as `CloudDataset.in_mesh_size`.
 
     Of a directory every file is checked against its hash, and mapped: points are read from it when they are used.
     `classes` keeps only those, in that order; `samples_per_instance` keeps the first ones of each instance; clouds of
@@ -101,7 +121,7 @@ def load_dataset(
     for label, name in enumerate(dataset.classes):
         if not (dataset.labels == label).any():
             raise DatasetError(f"{path}: no sample of class {name!r} with at least {min_points} points")
-    return dataset
+    return dataset.in_mesh_size() if size == "mesh" else dataset
 
 
 def _load_generated(directory: Path) -> CloudDataset:
@@ -122,17 +142,22 @@ def _load_generated(directory: Path) -> CloudDataset:
         instances,
         " ".join(record.sha256 for record in manifest.shards),
         read_splits(directory, len(instances)),
+        # A cloud that a camera took has turned and moved only.
+        np.concatenate([np.cbrt(np.linalg.det(shard.T_camera_object[:, :3, :3])) for shard in shards]),
     )
 
 
 def _load_modelnet(path: Path) -> CloudDataset:
-    """ModelNet10 clouds scaled to the unit sphere: arrays `train_points`, `train_labels`, `test_…`, `class_names`."""
+    """ModelNet10 clouds scaled to the unit sphere: arrays `train_points`, `train_labels`, `test_…`, `class_names`, and
+    with `train_scale`, `test_scale`, the radii of the meshes, their size, too."""
     if not path.is_file():
         raise DatasetError(f"{path} does not exist")
     with np.load(path, allow_pickle=False) as arrays:
         try:
             parts = [(arrays[f"{part}_points"], arrays[f"{part}_labels"]) for part in ("train", "test")]
             names = [str(name) for name in arrays["class_names"]]
+            sized = "train_scale" in arrays
+            radii = np.concatenate([arrays["train_scale"], arrays["test_scale"]]) if sized else None
         except KeyError as error:
             raise DatasetError(f"{path} is not a ModelNet archive of this form: {error}") from error
     clouds = np.concatenate([points for points, _ in parts]).astype(np.float32)
@@ -144,6 +169,7 @@ def _load_modelnet(path: Path) -> CloudDataset:
         np.arange(n, dtype=np.int64),
         hashlib.sha256(path.read_bytes()).hexdigest(),
         {"official": np.arange(n) >= len(parts[0][1])},
+        None if radii is None else 1 / radii.astype(float),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
 
 from pec.augment import Augment
+from pec.clouds import SIZES
 from pec.errors import ConfigError
 from pec.models import MODELS
 from pec.preprocess import Preprocess
@@ -20,7 +21,8 @@ T = TypeVar("T")
 class DatasetConfig:
     """path: a generated data set's directory or a ModelNet .npz. classes: None for all. split: "sample", "instance" or
     "official". train_fraction: share of train and validation together. removed: greatest fraction that the published
-    defect takes from every cloud, test ones too."""
+    defect takes from every cloud, test ones too. size: of clouds that were scaled to one size, as ModelNet's: as they
+    are "stored", or of the "mesh" (`pec.clouds.CloudDataset.in_mesh_size`)."""
 
     path: str
     classes: list[str] | None = None
@@ -29,6 +31,7 @@ class DatasetConfig:
     validation_fraction: float = 0.1
     samples_per_instance: int | None = None
     removed: float = 0.0
+    size: str = "stored"
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,7 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     _one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
     _one_of("protocol.precision", protocol.precision, ("float32", "bfloat16"))
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
+    _one_of("dataset.size", dataset.size, SIZES)
     _one_of("model.name", config.model.name, tuple(MODELS))
     _one_of("device", config.device, ("auto", "cpu", "cuda"))
     for name, value in (

@@ -99,7 +99,11 @@ def _read_run(run: Path, data: str | None) -> _Member:
     checkpoint = read_checkpoint(run / "best")
     preprocess = checkpoint.preprocess
     clouds = load_dataset(
-        config.dataset.path, checkpoint.classes, config.dataset.samples_per_instance, preprocess.n_points
+        config.dataset.path,
+        checkpoint.classes,
+        config.dataset.samples_per_instance,
+        preprocess.n_points,
+        config.dataset.size,
     )
     indices = split(clouds, config.dataset, "validation", config.seed)[2]
     sampling = [clouds.fingerprint, checkpoint.classes, indices.tolist()]

@@ -69,6 +69,7 @@ def _train(config: TrainConfig) -> dict[str, Any]:
         config.dataset.classes,
         config.dataset.samples_per_instance,
         config.preprocess.n_points,
+        config.dataset.size,
     )
     if len(dataset.classes) < 2:
         raise DatasetError(f"{config.dataset.path} has the single class {dataset.classes[0]!r}: nothing to tell apart")

@@ -95,6 +95,30 @@ def test_modelnet_archive_brings_its_own_split(tmp_path):
     np.testing.assert_array_equal(dataset.cloud(7), arrays["test_points"][1].astype(np.float32))
 
 
+def test_modelnet_clouds_get_the_size_of_their_meshes_back(tmp_path):
+    """An inch for each unit of the file; the split, the labels and the order stay."""
+    rng = np.random.default_rng(0)
+    arrays = {"class_names": np.array(["bed", "desk"])}
+    for part, n in (("train", 3), ("test", 2)):
+        arrays[f"{part}_points"] = rng.normal(size=(n, 80, 3)).astype(np.float16)
+        arrays[f"{part}_labels"] = np.arange(n, dtype=np.uint8) % 2
+    np.savez(tmp_path / "bare.npz", **arrays)
+    with pytest.raises(DatasetError, match=r"dataset\.size=mesh: these clouds come without the sizes"):
+        load_dataset(tmp_path / "bare.npz", size="mesh")
+    arrays |= {"train_scale": np.array([10, 20, 30], np.float32), "test_scale": np.array([40, 50], np.float32)}
+    np.savez(tmp_path / "m.npz", **arrays)
+    stored, sized = load_dataset(tmp_path / "m.npz"), load_dataset(tmp_path / "m.npz", ["desk", "bed"], size="mesh")
+    for i, radius in enumerate((10, 20, 30, 40, 50)):
+        np.testing.assert_allclose(sized.cloud(i), stored.cloud(i) * radius * 0.0254, rtol=1e-6)
+    assert sized.fingerprint != stored.fingerprint
+    assert sized.labels.tolist() == [1, 0, 1, 1, 0]
+
+
+def test_clouds_that_a_camera_took_are_metric_already(shapes):
+    stored, sized = load_dataset(shapes), load_dataset(shapes, size="mesh")
+    assert all(np.array_equal(one, other) for one, other in zip(stored.clouds, sized.clouds, strict=True))
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_defect_removes_a_neighbourhood(seed):

@@ -13,8 +13,9 @@ def _with_statistics(model: nn.Module, inputs: torch.Tensor) -> nn.Module:
     """In evaluation, with norms whose statistics, weights and biases are not 0 and 1."""
     for layer in model.modules():
         if isinstance(layer, nn.BatchNorm1d):
-            nn.init.uniform_(layer.weight, 0.5, 2)
-            nn.init.normal_(layer.bias)
+            if layer.affine:
+                nn.init.uniform_(layer.weight, 0.5, 2)
+                nn.init.normal_(layer.bias)
             layer.momentum = None
     for _ in range(3):
         model.train()(inputs)

@@ -11,7 +11,7 @@ from pec.pec2 import PEC2
 
 def test_it_is_smaller_than_the_published_network():
     count = sum(parameter.numel() for parameter in PEC2(64, 10).parameters())
-    assert count == 700_138 < sum(parameter.numel() for parameter in PEC(64, 10).parameters())
+    assert count == 705_204 < sum(parameter.numel() for parameter in PEC(64, 10).parameters())
     assert PEC2(128, 3).eval()(torch.zeros(2, 128, 3)).shape == (2, 3)
 
 
@@ -30,6 +30,41 @@ def test_part_of_it_forgets_the_order_and_part_does_not():
         silent.weight.data.zero_()
         assert not torch.allclose(model(points), model(moved), atol=1e-3)
         silent.weight.data.copy_(weight)
+
+
+def test_size_is_judged_apart_from_shape():
+    """Ten times as large: another size, the same shape; the two judgements add up."""
+    torch.manual_seed(0)
+    model, points = PEC2(64, 10), 0.1 * torch.randn(50, 64, 3)
+    for _ in range(20):
+        model(points * torch.exp(torch.randn(50, 1, 3)))  # extents to normalise by
+    model.eval()
+    for layer in (model.head[1], model.size[-1]):  # one judgement falls silent
+        kept = [parameter.clone() for parameter in layer.parameters()]
+        for parameter in layer.parameters():
+            parameter.data.zero_()
+        alone, larger = model(points), model(10 * points)
+        if layer is model.head[1]:
+            by_size = alone
+            assert not torch.allclose(alone, larger, atol=0.01)
+        else:
+            by_shape = alone
+            assert torch.allclose(alone, larger, atol=1e-4)
+        for parameter, value in zip(layer.parameters(), kept, strict=True):
+            parameter.data.copy_(value)
+    assert torch.allclose(model(points), by_size + by_shape, atol=1e-5)
+
+
+def test_in_training_each_cloud_is_answered_by_its_shape_or_by_its_size():
+    torch.manual_seed(0)
+    model, points = PEC2(64, 10), torch.randn(400, 64, 3)
+    for parameter in (*model.size[-1].parameters(), *model.head[1].parameters()):
+        parameter.data.zero_()
+    model.size[-1].bias.data.fill_(1.0)
+    answers = model.train()(points)
+    assert set(answers.flatten().tolist()) == {0.0, 1.0}
+    assert (answers == answers[:, :1]).all()
+    assert 0.2 < answers[:, 0].mean() < 0.4
 
 
 def test_scaled_weights_let_clouds_differ():
