@@ -205,6 +205,7 @@ class ScriptedPolicy:
 
     def _look(self, percept: Percept, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
         """One picture's objects, joined with those known."""
+        _ = percept.picture  # a simulated camera draws it only now, and that is not part of segmenting
         with self.log.timed("segment"):
             view = look(percept, self.segmenter)
         with self.log.timed("classify"):

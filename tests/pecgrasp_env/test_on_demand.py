@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import pecgrasp_env
-from pecgrasp_env import ScriptedPolicy
+from pecgrasp_env import ScriptedPolicy, policy
 from pecgrasp_env.episode import run_episode
 from pecgrasp_env.on_demand import Pictures
 from pecgrasp_env.views import HOME
@@ -83,3 +83,11 @@ def test_the_policy_goes_the_same_way_and_looks_seldom(both):
     assert episodes[0].outcome == episodes[1].outcome == "success"
     assert episodes[0].steps == episodes[1].steps == looks[0] - 1
     assert looks[1] == 1  # to find the object; that it is held its fingers feel
+
+
+def test_drawing_the_picture_is_not_counted_as_segmenting(both, monkeypatch):
+    taken = []
+    monkeypatch.setattr(policy, "look", lambda percept, segmenter: taken.append("picture" in vars(percept)) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run_episode(both[1], ScriptedPolicy(None), 4)
+    assert taken == [True]
