@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,13 +20,24 @@ class CentroidPlanner:
 
     The centroid and the approach are the source's. It has no rule for the heading; a gripper needs one.
     tip_clearance: the pads' tips are kept this far above a known table, m.
+    heading: a direction (3,) in the cloud's frame along which the gripper closes, as far as it is horizontal, whatever
+    lies there: "no analysis" taken at its word. None: the PCA's.
     """
 
-    def __init__(self, gripper: Gripper = ROBOTIQ_2F_140, *, tip_clearance: float = 0.004) -> None:
+    def __init__(
+        self,
+        gripper: Gripper = ROBOTIQ_2F_140,
+        *,
+        tip_clearance: float = 0.004,
+        heading: Sequence[float] | None = None,
+    ) -> None:
         if not (math.isfinite(tip_clearance) and tip_clearance >= 0):
             raise ConfigError(f"tip_clearance = {tip_clearance!r} must not be negative")
         self.gripper = gripper
         self.tip_clearance = tip_clearance
+        self.heading = None if heading is None else np.asarray(heading, float)
+        if self.heading is not None and (self.heading.shape != (3,) or not 0 < np.linalg.norm(self.heading) < np.inf):
+            raise ConfigError(f"heading = {heading!r} must be a direction: three numbers, not all zero")
 
     def plan(
         self,
@@ -49,7 +61,14 @@ class CentroidPlanner:
         first = np.cross(up_vector, seed)
         first /= np.linalg.norm(first)
         level = np.column_stack([first, np.cross(up_vector, first)])
-        closing = level @ principal_axes((cloud - centroid) @ level)[:, 1]
+        if self.heading is None:
+            closing = level @ principal_axes((cloud - centroid) @ level)[:, 1]
+        else:
+            closing = self.heading - (self.heading @ up_vector) * up_vector
+            length = float(np.linalg.norm(closing))
+            if length < 1e-6 * float(np.linalg.norm(self.heading)):
+                raise ConfigError(f"heading = {self.heading.tolist()} points along up: the gripper comes from there")
+            closing /= length
         rotation = np.column_stack([closing, np.cross(-up_vector, closing), -up_vector])
 
         local = (cloud - centroid) @ rotation
