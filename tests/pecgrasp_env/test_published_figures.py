@@ -30,7 +30,7 @@ from pecgrasp_env.published_figures import (
 
 CLAIM = {claim.name: claim for claim in CLAIMS}
 QUICK_TO_MAKE, INSTANCES = 5, 3
-SLOW_TO_MAKE = {"clamp": 2, "joypad": 2}
+SLOW_TO_MAKE = {"clamp": 2, "joypad": 4}
 # Of 50 instances, seeds 0 to 49: whole, from one side; None where the claim mostly fails.
 MEASURED: dict[str, tuple[float | None, float | None]] = {
     "drill": (0.54, 0.56),
@@ -39,7 +39,7 @@ MEASURED: dict[str, tuple[float | None, float | None]] = {
     "can": (0.98, None),
     "cylinder": (0.92, 0.42),
     "plug_adapter": (0.88, None),
-    "joypad": (0.88, 0.84),
+    "joypad": (0.88, 0.80),
 }
 PRIMITIVES = "can", "cylinder", "plug_adapter"
 KEPT = [(name, side, share) for name, shares in MEASURED.items() for side, share in zip(SIDES, shares, strict=True)]
