@@ -79,9 +79,7 @@ def _classifiers(seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
             model.fit(torch.randn(_KNOWN, _POINTS, 3), torch.arange(_KNOWN) % len(classes))
         return Classifier(Checkpoint(model, classes, preprocess, 1.0, 0, network))
 
-    upright = Preprocess(
-        n_candidates=1024, sampling="random", pose="upright", ordering="anchors", anchor_unit="cloud", size="unit"
-    )
+    upright = Preprocess(n_candidates=1024, sampling="random", pose="upright", ordering="anchors", anchor_unit="cloud")
     ours = {
         "default": classifier("pec", TrainConfig(DatasetConfig(""), "").preprocess),
         "published": classifier("pec", Preprocess(ordering="groups", group_size=16)),
