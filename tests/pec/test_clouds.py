@@ -82,12 +82,18 @@ def test_missing_and_unfinished_sets_are_errors(shapes, tmp_path):
         load_dataset(tmp_path)
 
 
-def test_modelnet_archive_brings_its_own_split(tmp_path):
+def modelnet(n_train, n_test):
+    """The arrays of an archive of two classes in turn."""
     rng = np.random.default_rng(0)
     arrays = {"class_names": np.array(["bed", "desk"])}
-    for part, n in (("train", 6), ("test", 4)):
+    for part, n in (("train", n_train), ("test", n_test)):
         arrays[f"{part}_points"] = rng.normal(size=(n, 80, 3)).astype(np.float16)
         arrays[f"{part}_labels"] = np.arange(n, dtype=np.uint8) % 2
+    return arrays
+
+
+def test_modelnet_archive_brings_its_own_split(tmp_path):
+    arrays = modelnet(6, 4)
     np.savez(tmp_path / "m.npz", **arrays)
     dataset = load_dataset(tmp_path / "m.npz")
     assert dataset.official_test is not None
@@ -97,11 +103,7 @@ def test_modelnet_archive_brings_its_own_split(tmp_path):
 
 def test_modelnet_clouds_get_the_size_of_their_meshes_back(tmp_path):
     """An inch for each unit of the file; the split, the labels and the order stay."""
-    rng = np.random.default_rng(0)
-    arrays = {"class_names": np.array(["bed", "desk"])}
-    for part, n in (("train", 3), ("test", 2)):
-        arrays[f"{part}_points"] = rng.normal(size=(n, 80, 3)).astype(np.float16)
-        arrays[f"{part}_labels"] = np.arange(n, dtype=np.uint8) % 2
+    arrays = modelnet(3, 2)
     np.savez(tmp_path / "bare.npz", **arrays)
     with pytest.raises(DatasetError, match=r"dataset\.size=mesh: these clouds come without the sizes"):
         load_dataset(tmp_path / "bare.npz", size="mesh")

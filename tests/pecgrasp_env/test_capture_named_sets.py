@@ -178,6 +178,8 @@ def test_modelnet10_keeps_its_official_split_and_fills_the_unit_sphere(archive, 
     T = shard.T_camera_object[0].astype(float)
     on_mesh = (shard.cloud(0) - T[:3, 3]) / T[0, 0]
     assert np.abs(np.abs(on_mesh) / (100, 75, 20)).max(axis=1) == pytest.approx(np.ones(200), abs=1e-4)
+    sized = load_dataset(made.directory, size="mesh").cloud(0)  # an inch for each unit of the file
+    assert sized == pytest.approx(dataset.cloud(0) / T[0, 0] * 0.0254, rel=1e-5)
     unpacked = archive.parent / "ModelNet10"
     from_folder = ModelNetArchive(unpacked)
     assert from_folder.names("bed") == ModelNetArchive(archive).names("bed")
