@@ -15,8 +15,7 @@ from typing import Any
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation_cells import Cell, read_cells
 from pecgrasp_env.paired import ALL, Comparison, compare
-from pecgrasp_env.proportions import wilson_interval
-from pecgrasp_env.summary import lifted, lifted_at_once, summarise
+from pecgrasp_env.summary import lifted, lifted_at_once, share, summarise
 
 FIRST_TRY = "lifted, and no try failed before"
 
@@ -150,9 +149,7 @@ def _success(evaluation: Evaluation, title: str, won: Callable[[Episode], bool])
 
 
 def _counted(count: int, n: int) -> str:
-    if not n:
-        return "–"
-    return f"{share_of({'share': count / n, 'interval': wilson_interval(count, n)})}, n = {n}"
+    return f"{share_of(share(count, n))}, n = {n}" if n else "–"
 
 
 def share_of(share: Mapping[str, Any]) -> str:

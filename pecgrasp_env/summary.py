@@ -34,7 +34,7 @@ def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     return {
         "episodes": len(episodes),
         "outcomes": _shares(episodes),
-        "first_try": _share(sum(map(lifted_at_once, episodes)), len(episodes)),
+        "first_try": share(sum(map(lifted_at_once, episodes)), len(episodes)),
         "by_class": {name: _shares([e for e in episodes if e.target == name]) for name in targets},
         "reasons": _counts([e.reason for e in episodes if e.reason is not None]),
         "failures": _counts([text for e in episodes for text in e.failures]),
@@ -59,10 +59,11 @@ def table(summary: dict[str, Any]) -> str:
 
 def _shares(episodes: Sequence[Episode]) -> dict[str, Any]:
     counts = Counter(episode.outcome for episode in episodes)
-    return {name: _share(counts[name], len(episodes)) for name in OUTCOMES}
+    return {name: share(counts[name], len(episodes)) for name in OUTCOMES}
 
 
-def _share(count: int, n: int) -> dict[str, Any]:
+def share(count: int, n: int) -> dict[str, Any]:
+    """A count, its share of n, and Wilson's 95 % interval of that."""
     return {"count": count, "share": count / n, "interval": list(wilson_interval(count, n))}
 
 
