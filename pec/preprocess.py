@@ -29,10 +29,12 @@ from pec.errors import CloudError, ConfigError
 from pec.ordering import anchor_positions, group_order, nearest_candidates
 from pec.pose import FLIPS, principal_pose
 
-__all__ = ["Preprocess", "check_cloud", "farthest_point_sampling", "farthest_points"]
+__all__ = ["CLOUD_SIZES", "Preprocess", "check_cloud", "farthest_point_sampling", "farthest_points"]
 
 ORDERINGS = ("none", "groups", "anchors")
 POSES = ("given", "principal", "upright")
+CLOUD_SIZES = ("kept", "unit", "root")
+_ROOTED_SPREADS = (0.02, 2.0)  # m: a mouse has 0.04, a bed 0.9
 # The given cloud and its mirror images in the vertical planes: as likely where front and back or left and right are.
 _MIRRORS = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0))
 # By pose, what a cloud's coordinates are multiplied by in each of its views.
@@ -104,10 +106,14 @@ def farthest_point_sampling(points: np.ndarray, n: int, start: int) -> np.ndarra
     return indices
 
 
-def _of_unit_spread(points: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
-    """`points` (B, K, 3) divided by the root mean square of the valid ones' distances from the centroid."""
+def _resized(points: torch.Tensor, valid: torch.Tensor, size: str) -> torch.Tensor:
+    """`points` (B, K, 3) at `size`; a cloud's spread is the root mean square of the valid ones' distances from 0."""
+    if size == "kept":
+        return points
     squared = (points.square().sum(dim=2) * valid).sum(dim=1) / valid.sum(dim=1)
-    return points / squared.sqrt().clamp_min(1e-9)[:, None, None]
+    spread = squared.sqrt()[:, None, None]
+    unit = points / spread.clamp_min(1e-9)
+    return unit if size == "unit" else unit * spread.clamp(*_ROOTED_SPREADS).sqrt()
 
 
 @dataclass(frozen=True)
@@ -121,7 +127,8 @@ class Preprocess:
     mirrored in x, in y and in both: four views).
     ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions).
     anchor_unit: what the fixed positions are measured in, the cloud's spread along each "axis" or of the whole "cloud".
-    size: "kept" in metres (published: it tells classes apart), or "unit": divided by the cloud's spread.
+    size: "kept" in metres (published: it tells classes apart), "unit": divided by the cloud's spread, or "root": of
+    unit size times the root of its spread, from 0.02 m to 2 m at the most (one model in millimetres drowns a batch).
     """
 
     n_points: int = 64
@@ -149,8 +156,8 @@ class Preprocess:
             raise ConfigError(f"preprocess.n_candidates {self.n_candidates} is less than n_points {self.n_points}")
         if self.anchor_unit not in ("axis", "cloud"):
             raise ConfigError(f"preprocess.anchor_unit must be 'axis' or 'cloud', got {self.anchor_unit!r}")
-        if self.size not in ("kept", "unit"):
-            raise ConfigError(f"preprocess.size must be 'kept' or 'unit', got {self.size!r}")
+        if self.size not in CLOUD_SIZES:
+            raise ConfigError(f"preprocess.size must be one of {CLOUD_SIZES}, got {self.size!r}")
         if self.ordering != "anchors" and self.n_candidates != self.n_points:
             raise ConfigError(
                 f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
@@ -190,8 +197,7 @@ class Preprocess:
         candidates (B, K, 3) centred metres; valid (B, K) bool, at least one a row; view (B,) int in [0, n_views):
         which of the equally valid poses, 0 where not given.
         """
-        if self.size == "unit":
-            candidates = _of_unit_spread(candidates, valid)
+        candidates = _resized(candidates, valid, self.size)
         if self.ordering == "none":
             return candidates
         if self.ordering == "groups":
@@ -224,9 +230,10 @@ class Preprocess:
 
     def _compiled_views(self, candidates: np.ndarray) -> np.ndarray:
         """`views` of one cloud's candidates (K, 3): (n_views, n_points, 3)."""
-        if self.size == "unit":
-            spread = math.sqrt(np.vdot(candidates, candidates) / len(candidates))  # as _of_unit_spread
-            candidates = candidates / np.float32(max(spread, 1e-9))
+        if self.size != "kept":  # as _resized
+            spread = math.sqrt(np.vdot(candidates, candidates) / len(candidates))
+            root = math.sqrt(min(max(spread, _ROOTED_SPREADS[0]), _ROOTED_SPREADS[1])) if self.size == "root" else 1.0
+            candidates = candidates * np.float32(root / max(spread, 1e-9))
         if self.ordering == "groups":
             return candidates[kernels.group_order(candidates, self.group_size)][None]
         return kernels.arranged(

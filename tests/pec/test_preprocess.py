@@ -229,5 +229,23 @@ def test_unit_size_is_measured_on_what_is_valid():
     valid = torch.tensor([[True, True, False]])
     unit = Preprocess(n_points=2, n_candidates=3, pose="given", ordering="anchors", size="unit")
     assert set(unit.arrange(points, valid)[0, :, 0].tolist()) <= {1.0, -1.0}
-    with pytest.raises(ConfigError, match=r"preprocess\.size must be 'kept' or 'unit', got 'big'"):
+    with pytest.raises(ConfigError, match=r"preprocess\.size must be one of \('kept', 'unit', 'root'\), got 'big'"):
         Preprocess(size="big")
+
+
+@pytest.mark.parametrize(
+    ("spread", "rooted"), [(0.04, 0.2), (0.36, 0.6), (1.0, 1.0), (500.0, 2**0.5), (1e-4, 0.02**0.5)]
+)
+@pytest.mark.parametrize("ordering", ["groups", "anchors"])
+def test_at_root_size_a_cloud_of_any_unit_comes_with_the_root_of_its_spread(spread, rooted, ordering):
+    preprocess = Preprocess(ordering=ordering, size="root")
+    cloud = np.random.default_rng(0).normal(size=(64, 3)).astype(np.float32)
+    cloud -= cloud.mean(axis=0)
+    cloud *= np.float32(spread / np.sqrt((cloud**2).sum(axis=1).mean()))
+    unit = replace(preprocess, size="unit")
+    for way in (lambda p: p.views([cloud])[0, 0], lambda p: _arranged(p, cloud)):
+        assert np.allclose(way(preprocess), rooted * way(unit), atol=1e-5)
+
+
+def _arranged(preprocess, cloud):
+    return preprocess.arrange(torch.from_numpy(cloud)[None], torch.ones(1, len(cloud), dtype=torch.bool))[0].numpy()
