@@ -21,6 +21,8 @@ from typing import Any
 
 import torch
 
+from pec.shards import MANIFEST_NAME
+from pec.splits import SPLITS_NAME
 from pec.training import train
 
 __all__ = ["cell_key", "code_version", "data_version", "read_cells", "run_cell"]
@@ -99,7 +101,9 @@ def code_version(root: Path = Path(__file__).parent) -> str:
 def data_version(path: str | os.PathLike[str]) -> str:
     """Hash of an archive, or of the files that list a generated data set and its splits; "missing" where it is not."""
     path = Path(path)
-    files = [path] if path.is_file() else sorted(path.glob("*.json"))
+    # Not its results.json: that tells of the last command, and generating a whole set once more changes nothing else.
+    listing = [path / name for name in (MANIFEST_NAME, SPLITS_NAME)]
+    files = [path] if path.is_file() else [file for file in listing if file.is_file()]
     if not files:
         return "missing"
     return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]

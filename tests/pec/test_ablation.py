@@ -67,6 +67,8 @@ def test_key_changes_with_what_decides_the_numbers_and_with_nothing_else(shapes,
     assert cell_key(settings | {"folder": "elsewhere", "cache": "somewhere", "device": "cpu"}) == key
     assert cell_key(settings | {"seed": 1}) != key
     assert cell_key(_settings(shapes, tmp_path, protocol={"epochs": 2})) != key
+    (moved / "results.json").write_text(json.dumps({"seconds": 3.0}))  # the generating command ran once more
+    assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) == key
     manifest = json.loads((moved / "manifest.json").read_text())
     (moved / "manifest.json").write_text(json.dumps(manifest | {"seed": 5}))
     assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) != key
