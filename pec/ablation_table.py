@@ -61,12 +61,15 @@ class Row:
 
 
 def order_name(preprocess: Mapping[str, Any]) -> str:
-    """ "groups of 16", "no grouping", or the ordering and the pose that are ours, of `Preprocess` as a mapping."""
+    """ "groups of 16", "no grouping", or the ordering and the pose that are ours, of `Preprocess` as a mapping; and the
+    size where it is not the published one."""
+    size = preprocess.get("size", "kept")  # the default, which a configuration need not name
+    size = "" if size == "kept" else f", {size} size"
     if preprocess["ordering"] == "groups":
-        return f"groups of {preprocess['group_size']}"
+        return f"groups of {preprocess['group_size']}{size}"
     if preprocess["ordering"] == "none":
-        return "no grouping"
-    return f"{preprocess['ordering']}, {preprocess['pose']} pose"
+        return f"no grouping{size}"
+    return f"{preprocess['ordering']}, {preprocess['pose']} pose{size}"
 
 
 def read_rows(folder: str | os.PathLike[str]) -> list[Row]:

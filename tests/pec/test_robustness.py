@@ -111,18 +111,25 @@ def test_what_there_is_not_is_an_error():
 @pytest.fixture(scope="module")
 def runs(shapes, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
-    settings = {"dataset": {"path": str(shapes)}, "preprocess": {"ordering": "none"}, "augment": {}, "progress": False}
-    for name, model, seed in (("knn_0", "knn", 0), ("knn_1", "knn", 1), ("pec", "pec", 0)):
-        protocol = {"epochs": 1, "batch_size": 32}
-        train(settings | {"model": {"name": model}, "seed": seed, "output": str(folder / name), "protocol": protocol})
+    settings = {"dataset": {"path": str(shapes)}, "augment": {}, "progress": False}
+    settings |= {"protocol": {"epochs": 1, "batch_size": 32}}
+    for name, model, size, seed in (
+        ("knn_0", "knn", "kept", 0),
+        ("knn_1", "knn", "kept", 1),
+        ("pec", "pec", "unit", 0),
+        ("pec_kept", "pec", "kept", 0),
+    ):
+        of_run = {"model": {"name": model}, "preprocess": {"ordering": "none", "size": size}, "seed": seed}
+        train(settings | of_run | {"output": str(folder / name)})
     return folder
 
 
 def test_rows_are_the_runs_by_their_own_test_split(runs):
-    rows = measure_robustness([runs / name for name in ("knn_0", "knn_1", "pec")])
+    rows = measure_robustness([runs / name for name in ("knn_0", "knn_1", "pec", "pec_kept")])
     assert [(row["network"], row["seed"], row["n_test"]) for row in rows] == [
         ("knn", 0, 30),
         ("knn", 1, 30),
+        ("pec", 0, 30),
         ("pec", 0, 30),
     ]
     for row in rows:
@@ -137,8 +144,10 @@ def test_rows_are_the_runs_by_their_own_test_split(runs):
 
     lines = robustness_table(rows).splitlines()
     assert lines[0].split(" | ")[:6] == ["model", "points", "order", "seeds", "clean", "scale"]
-    assert [line.split(" | ")[:4] for line in lines[2:4]] == [
+    # Seeds share a line, other preprocessing does not.
+    assert [line.split(" | ")[:4] for line in lines[2:5]] == [
         ["knn", "64", "no grouping", "2"],
+        ["pec", "64", "no grouping, unit size", "1"],
         ["pec", "64", "no grouping", "1"],
     ]
     assert lines[3].split(" | ")[5] == f"{100 * fmean(rows[2]['scale']):.1f}"
