@@ -16,7 +16,7 @@ from pec.ablation import code_version, read_cells
 from pec.charts import chart
 from pec.evaluation import wilson_interval
 
-__all__ = ["Row", "order_name", "read_rows", "write_table"]
+__all__ = ["Row", "model_name", "order_name", "read_rows", "write_table"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,10 @@ class Row:
         return self.settings["preprocess"]["n_points"]
 
     @property
+    def model(self) -> str:
+        return model_name(self.settings)
+
+    @property
     def order(self) -> str:
         return order_name(self.settings["preprocess"])
 
@@ -49,7 +53,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        name = f"{self.settings['model']['name']}, {self.points} points, {self.order}, {self.protocol}"
+        name = f"{self.model}, {self.points} points, {self.order}, {self.protocol}"
         return name if self.precision == "float32" else f"{name}, {self.precision}"
 
     def values(self, *path: str) -> list[float]:
@@ -60,16 +64,26 @@ class Row:
         return found
 
 
+def model_name(settings: Mapping[str, Any]) -> str:
+    """ "pec", or "pec taught by pec2", of a run's settings."""
+    teacher = settings["protocol"].get("teacher")
+    return settings["model"]["name"] + (f" taught by {teacher['model']['name']}" if teacher else "")
+
+
 def order_name(preprocess: Mapping[str, Any]) -> str:
     """ "groups of 16", "no grouping", or the ordering and the pose that are ours, of `Preprocess` as a mapping; and the
     size where it is not the published one."""
-    size = preprocess.get("size", "kept")  # the default, which a configuration need not name
-    size = "" if size == "kept" else f", {size} size"
+    size = _size_name(preprocess)
     if preprocess["ordering"] == "groups":
         return f"groups of {preprocess['group_size']}{size}"
     if preprocess["ordering"] == "none":
         return f"no grouping{size}"
     return f"{preprocess['ordering']}, {preprocess['pose']} pose{size}"
+
+
+def _size_name(preprocess: Mapping[str, Any]) -> str:
+    size = preprocess.get("size", "kept")  # the default, which a configuration need not name
+    return "" if size == "kept" else f", {size} size"
 
 
 def read_rows(folder: str | os.PathLike[str]) -> list[Row]:
@@ -123,7 +137,7 @@ def _group(row: Row) -> int | None:
 def _published(row: Row, figures: Mapping[tuple[int, int | None], float]) -> float | None:
     preprocess = row.settings["preprocess"]
     as_published = preprocess["ordering"] in ("groups", "none") and preprocess["pose"] == "given"
-    if row.settings["model"]["name"] != "pec" or not as_published:
+    if row.model != "pec" or not as_published or _size_name(preprocess):
         return None
     return figures.get((row.points, _group(row)))
 
@@ -139,7 +153,7 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
     lines = [f"# {title}", "", " | ".join(head), " | ".join(["---"] * len(head))]
     for row in rows:
         published = _published(row, figures)
-        fields = [row.settings["model"]["name"], str(row.points), row.order, row.protocol]
+        fields = [row.model, str(row.points), row.order, row.protocol]
         if row.results:
             low, high = _wilson(row)
             fields += [
@@ -160,14 +174,15 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
         else:
             fields += ["–", "0", *["–"] * 4, "–" if published is None else f"{published:g}", *["–"] * 6]
         fields += [row.precision] if reduced else []
-        fields += [", ".join(f"{name}={_flat(row.settings)[name]}" for name in differing)] if differing else []
+        fields += [_others(row, differing)] if differing else []
         lines.append(" | ".join(fields))
     lines += [
         "",
         "Accuracies are of the test split, mean ± standard deviation over the seeds; Wilson's interval is that of the "
         "mean accuracy on one test split. Protocol honest: the best epoch is that of validation, test is read once. "
         "Protocol published: the best epoch on the evaluation split itself, an optimistic figure. Train split: the "
-        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread."
+        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread; that of "
+        "training leaves out a teacher's."
         + (" Precision: of the products in training; all figures are of float32 networks." if reduced else ""),
     ]
     failures = [f"- {row.name}, {reason}" for row in rows for reason in row.missing]
@@ -185,7 +200,7 @@ def _csv(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -
             best, n = result["best"], result["n_samples"]["test"]
             low, high = wilson_interval(best["test_accuracy"], n)
             line = {
-                "model": row.settings["model"]["name"],
+                "model": row.model,
                 "points": row.points,
                 "order": row.order,
                 "protocol": row.protocol,
@@ -248,7 +263,7 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
     for row in done:
         if row.settings["preprocess"]["ordering"] in ("groups", "none"):
             place = float(_group(row) or row.points)  # no grouping is one group of all
-            name = f"{row.settings['model']['name']}, {row.points} points, {row.protocol}"
+            name = f"{row.model}, {row.points} points{_size_name(row.settings['preprocess'])}, {row.protocol}"
             grouped.setdefault(name, []).append((place, means[id(row)]))
     if len({x for points in grouped.values() for x, _ in points}) > 1:
         for (points, group), accuracy in figures.items():
@@ -262,7 +277,12 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
             x_ticks={size: f"{size:g}" for size in sizes},
             logarithmic=True,
         )
-    latencies = {row.name: [(min(row.values("costs", "raw_cloud_ms")), means[id(row)])] for row in done}
+    latencies = {}
+    differing = _differing(rows)
+    for row in done:
+        alone = sum(other.name == row.name for other in done) == 1
+        name = row.name if alone else f"{row.name}, {_others(row, differing)}"
+        latencies[name] = [(min(row.values("costs", "raw_cloud_ms")), means[id(row)])]
     if len(latencies) > 1:
         plots["accuracy_by_latency"] = chart(
             latencies,
@@ -288,7 +308,20 @@ def _differing(rows: Sequence[Row]) -> list[str]:
     said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs", "protocol.precision")
     flat = [_flat(row.settings) for row in rows]
     names = sorted({name for settings in flat for name in settings if not name.startswith(said)})
-    return [name for name in names if len({str(settings.get(name)) for settings in flat}) > 1]
+    different = []
+    for name in names:
+        # Whether there is a teacher is said with the model: its settings differ only among those that have one.
+        of_teacher = name.startswith("protocol.teacher")
+        values = {str(settings.get(name)) for settings in flat if name in settings or not of_teacher}
+        if len(values) > 1:
+            different.append(name)
+    return different
+
+
+def _others(row: Row, differing: Sequence[str]) -> str:
+    """The `differing` settings of a row; one that it does not name has its default."""
+    flat = _flat(row.settings)
+    return ", ".join(f"{name}={flat[name]}" for name in differing if name in flat)
 
 
 def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
@@ -49,7 +50,8 @@ class ProtocolConfig:
     products in training, "float32" or "bfloat16" (torch.autocast: faster on GPUs and on CPUs with AMX); weights keep
     float32. logit_adjustment: how far training makes up for classes of unequal number, 0 not at all, 1 as if all were
     as many: the loss sees the logits plus that many times the log of the class's share (Menon et al., ICLR 2021).
-    teacher: whose answers are learnt instead of the labels; label_smoothing and logit_adjustment are its own then."""
+    teacher: a network whose answers are learnt instead of the labels; label_smoothing and logit_adjustment, which are
+    about labels, have no effect then."""
 
     selection: str = "validation"
     epochs: int = 60
@@ -66,9 +68,9 @@ class ProtocolConfig:
 
 @dataclass(frozen=True)
 class TeacherConfig:
-    """A network that is trained first, below OUTPUT/teacher, on the same split with the same augmentation. size: how it
-    sees that of a cloud (`pec.preprocess.Preprocess`); all else of a cloud it sees as the student does. temperature:
-    that softens the answers of both (`pec.distillation`)."""
+    """A network that is trained first, below OUTPUT/teacher, on the same split with the same augmentation, and then
+    teaches as its last epoch left it. size: `Preprocess.size` of its clouds; in all else they are prepared as the
+    student's are. temperature: what the logits of both are divided by (`pec.distillation`)."""
 
     model: ModelConfig = field(default_factory=lambda: ModelConfig("pec2"))
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
@@ -112,6 +114,8 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
     _one_of("dataset.size", dataset.size, SIZES)
     _one_of("model.name", config.model.name, tuple(MODELS))
+    if config.model.name == "knn" and config.protocol.teacher is not None:
+        raise ConfigError("protocol.teacher: model.name 'knn' keeps labelled clouds and can learn from no answers")
     _one_of("device", config.device, ("auto", "cpu", "cuda"))
     for name, value in (
         ("dataset.samples_per_instance", dataset.samples_per_instance),
@@ -152,7 +156,7 @@ def _check_protocol(where: str, protocol: ProtocolConfig) -> None:
             f"{where}.teacher.protocol.selection must be {where}.selection, {protocol.selection!r}, "
             f"got {teacher.protocol.selection!r}: it would learn from other clouds than the student"
         )
-    if not teacher.temperature > 0:
+    if not 0 < teacher.temperature < math.inf:
         raise ConfigError(f"{where}.teacher.temperature must be positive, got {teacher.temperature}")
 
 

@@ -128,7 +128,8 @@ class Preprocess:
     ordering: "none" (the order of FPS), "groups" (published grouping of `group_size`), "anchors" (fixed positions).
     anchor_unit: what the fixed positions are measured in, the cloud's spread along each "axis" or of the whole "cloud".
     size: "kept" in metres (published: it tells classes apart), "unit": divided by the cloud's spread, or "root": of
-    unit size times the root of its spread, from 0.02 m to 2 m at the most (one model in millimetres drowns a batch).
+    unit size times the square root of its spread, which counts as 0.02 m at least and 2 m at most, so that one model in
+    millimetres does not drown its batch.
     """
 
     n_points: int = 64

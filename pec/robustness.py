@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from pec.ablation_table import order_name
+from pec.ablation_table import model_name, order_name
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.clouds import CloudDataset, load_dataset
 from pec.config import read_config
@@ -34,8 +34,9 @@ def measure_robustness(
 
     data: where the clouds lie, if not where they lay in training. Cloud i at a level of a corruption is drawn from
     (seed, i, corruption, level), so that runs with the same test split see the same clouds.
-    Returns a row a run: `run`, `network`, `points`, `order`, `seed`, `n_test`, `clean`, and of each corruption its five
-    accuracies, level 1 first. Raises CheckpointError where a folder holds no finished run, or DatasetError.
+    Returns a row a run: `run`, `network`, `points`, `order`, `seed`, `settings`, `n_test`, `clean`, and of each
+    corruption its five accuracies, level 1 first. Raises CheckpointError where a folder holds no finished run, or
+    DatasetError.
     """
     members = [_read_run(Path(run), data) for run in runs]
     kinds = [("clean", 0), *((kind, level) for kind in CORRUPTIONS for level in LEVELS)]
@@ -60,16 +61,17 @@ def measure_robustness(
 
 def robustness_table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: a line for the runs that differ in their seed only; of a corruption the mean over its levels, in %."""
-    groups: dict[tuple[str, int, str], list[dict[str, Any]]] = {}
+    groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        groups.setdefault((row["network"], row["points"], row["order"]), []).append(row)
+        groups.setdefault(json.dumps(row["settings"], sort_keys=True), []).append(row)
     head = ["model", "points", "order", "seeds", "clean", *CORRUPTIONS, "mean of the seven"]
     lines = [" | ".join(head), " | ".join(["---"] * len(head))]
-    for (network, points, order), members in groups.items():
+    for members in groups.values():
         means = [[fmean(row[kind]) for row in members] for kind in CORRUPTIONS]
         overall = [fmean(values) for values in zip(*means, strict=True)]
         columns = [[row["clean"] for row in members], *means, overall]
-        lines.append(" | ".join([network, str(points), order, str(len(members)), *map(_percent, columns)]))
+        first = [members[0]["network"], str(members[0]["points"]), members[0]["order"], str(len(members))]
+        lines.append(" | ".join([*first, *map(_percent, columns)]))
     n_test = sorted({row["n_test"] for row in rows})
     lines += [
         "",
@@ -108,12 +110,15 @@ def _read_run(run: Path, data: str | None) -> _Member:
     indices = split(clouds, config.dataset, "validation", config.seed)[2]
     sampling = [clouds.fingerprint, checkpoint.classes, indices.tolist()]
     sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.sampling, preprocess.start]
+    decisive = config.decisive()
+    del decisive["seed"], decisive["dataset"]["path"]
     row = {
         "run": str(run),
-        "network": checkpoint.network,
+        "network": model_name(asdict(config)),
         "points": preprocess.n_points,
         "order": order_name(asdict(preprocess)),
         "seed": config.seed,
+        "settings": decisive,
         "n_test": len(indices),
     }
     return _Member(checkpoint, clouds.subset(indices), json.dumps(sampling), row)

@@ -46,7 +46,8 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     """Train and evaluate as `cfg` says (see `pec.config.TrainConfig`).
 
     Returns what is also written to OUTPUT/results.json. OUTPUT/best and OUTPUT/last are checkpoints, OUTPUT/tensorboard
-    the curves. A finished run is not repeated, an interrupted one goes on.
+    the curves; OUTPUT/teacher is a run of its own, where there is a teacher. A finished run is not repeated, an
+    interrupted one goes on.
     Raises ConfigError, DatasetError, CheckpointError, or TrainingError where the loss is not finite any more.
     """
     config = read_config(cfg)
@@ -64,8 +65,13 @@ def _finish(config: TrainConfig) -> dict[str, Any]:
     finished = _finished(output, config)
     if finished is not None:
         return finished
-    teacher, settings = None, config.protocol.teacher
-    if settings is not None:
+    settings = config.protocol.teacher
+    if settings is None:
+        results = _train(config, None)
+    else:
+        state = read_training_state(output / "last")
+        if state is not None:  # before a teacher is trained for nothing
+            _check_same(config, state.progress["config"], output)
         # With the same seed the same clouds are kept for validation and test: the teacher has not learnt them either.
         own = replace(
             config,
@@ -74,11 +80,12 @@ def _finish(config: TrainConfig) -> dict[str, Any]:
             protocol=settings.protocol,
             preprocess=replace(config.preprocess, size=settings.size),
         )
-        _finish(own)
+        taught = _finish(own)
+        # Its last epoch: the best one was chosen on clouds that the student is judged by.
         checkpoint = read_checkpoint(output / "teacher" / "last")
         checkpoint.model.to(_device(config.device))
-        teacher = Teacher(checkpoint, settings.temperature)
-    results = _train(config, teacher)
+        results = _train(config, Teacher(checkpoint, settings.temperature))
+        results["teacher"] = {"training_s": taught["training_s"], "test_accuracy": taught["last"]["test_accuracy"]}
     _write_json(output / "results.json", results)
     return results
 
@@ -183,7 +190,7 @@ class _Run:
         with Tracker(self.output / "tensorboard", self.epoch) as tracker:
             bar = tqdm(
                 range(self.epoch, self.n_epochs),
-                desc="training",
+                desc=f"training {config.model.name}",
                 unit="epoch",
                 initial=self.epoch,
                 total=self.n_epochs,
@@ -267,7 +274,8 @@ class _Run:
                 with torch.autocast(self.device.type, torch.bfloat16, enabled=protocol.precision == "bfloat16"):
                     logits = self.model(inputs)
                 logits = logits.float()
-                if self.teacher is not None and answers is not None:
+                if answers is not None:
+                    assert self.teacher is not None
                     loss = self.teacher.loss(logits, answers)
                 else:
                     loss = nn.functional.cross_entropy(

@@ -50,11 +50,14 @@ def grid(shapes, tmp_path_factory):
     return folder
 
 
-def test_cell_is_run_once(shapes, grid):
+def test_cell_is_run_once(shapes, grid, tmp_path):
     settings = _settings(shapes, grid)
     weights = grid / "cells" / cell_key(settings) / "last" / "model.safetensors"
     before = weights.stat().st_mtime_ns
     cell = run_cell(settings | {"name": "another", "threads": 2, "progress": True})
+    assert cell["status"] == "done"
+    moved = shutil.copytree(shapes, tmp_path / "moved")
+    cell = run_cell(settings | {"dataset": settings["dataset"] | {"path": str(moved)}})
     assert cell["status"] == "done"
     assert weights.stat().st_mtime_ns == before
 
@@ -69,6 +72,9 @@ def test_key_changes_with_what_decides_the_numbers_and_with_nothing_else(shapes,
     assert cell_key(_settings(shapes, tmp_path, protocol={"epochs": 2})) != key
     (moved / "results.json").write_text(json.dumps({"seconds": 3.0}))  # the generating command ran once more
     assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) == key
+    (moved / "splits.json").write_text("{}")
+    assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) != key
+    (moved / "splits.json").unlink()
     manifest = json.loads((moved / "manifest.json").read_text())
     (moved / "manifest.json").write_text(json.dumps(manifest | {"seed": 5}))
     assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) != key
@@ -130,6 +136,30 @@ def test_table_says_where_training_was_not_in_float32(shapes, grid, tmp_path):
     assert "protocol.precision" not in head
     with (tmp_path / "table.csv").open(newline="") as file:
         assert sorted(line["precision"] for line in csv.DictReader(file)) == ["bfloat16", "float32"]
+
+
+def test_recipes_that_name_other_settings_stand_side_by_side(shapes, tmp_path):
+    teacher = {"model": {"name": "pec2"}, "protocol": {"epochs": 1, "batch_size": 16, "selection": "validation"}}
+    rooted = {"preprocess": {"size": "root"}}
+    run_cell(_settings(shapes, tmp_path))
+    run_cell(_settings(shapes, tmp_path, **rooted, protocol={"initial_weights": "scaled"}))
+    run_cell(_settings(shapes, tmp_path, **rooted, protocol={"initial_weights": "scaled", "teacher": teacher}))
+    head, _, *lines = write_table(tmp_path, "A title", [{"points": 64, "group": 16, "accuracy": 99.3}]).splitlines()[
+        2:7
+    ]
+    rows = {(row[0], row[2]): row for row in (line.split(" | ") for line in lines)}
+    assert set(rows) == {
+        ("pec", "groups of 16"),
+        ("pec", "groups of 16, root size"),
+        ("pec taught by pec2", "groups of 16, root size"),
+    }
+    place = head.split(" | ").index("published %")
+    # The dissertation's figure is of clouds in metres, and of PEC alone.
+    assert [row[place] for _, row in sorted(rows.items())] == ["99.3", "–", "–"]
+    assert rows["pec", "groups of 16"][-1] == ""
+    assert rows["pec", "groups of 16, root size"][-1] == "protocol.initial_weights=scaled"
+    svg = (tmp_path / "accuracy_by_latency.svg").read_text()
+    assert "pec taught by pec2, 64 points, groups of 16, root size, honest" in svg
 
 
 def test_csv_and_json_have_a_line_a_cell(grid):
