@@ -16,7 +16,7 @@ from pec.ablation import code_version, read_cells
 from pec.charts import chart
 from pec.evaluation import wilson_interval
 
-__all__ = ["Row", "model_name", "order_name", "read_rows", "write_table"]
+__all__ = ["Row", "order_name", "read_rows", "write_table"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Row:
 
     @property
     def model(self) -> str:
-        return model_name(self.settings)
+        return self.settings["model"]["name"]
 
     @property
     def order(self) -> str:
@@ -62,12 +62,6 @@ class Row:
         for name in path:
             found = [value[name] for value in found]
         return found
-
-
-def model_name(settings: Mapping[str, Any]) -> str:
-    """ "pec", or "pec taught by pec2", of a run's settings."""
-    teacher = settings["protocol"].get("teacher")
-    return settings["model"]["name"] + (f" taught by {teacher['model']['name']}" if teacher else "")
 
 
 def order_name(preprocess: Mapping[str, Any]) -> str:
@@ -181,8 +175,7 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
         "Accuracies are of the test split, mean ± standard deviation over the seeds; Wilson's interval is that of the "
         "mean accuracy on one test split. Protocol honest: the best epoch is that of validation, test is read once. "
         "Protocol published: the best epoch on the evaluation split itself, an optimistic figure. Train split: the "
-        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread; that of "
-        "training leaves out a teacher's."
+        "same checkpoint on the clouds that it learnt from. Times are of one cloud on one CPU thread."
         + (" Precision: of the products in training; all figures are of float32 networks." if reduced else ""),
     ]
     failures = [f"- {row.name}, {reason}" for row in rows for reason in row.missing]
@@ -281,7 +274,8 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
     differing = _differing(rows)
     for row in done:
         alone = sum(other.name == row.name for other in done) == 1
-        name = row.name if alone else f"{row.name}, {_others(row, differing)}"
+        others = "" if alone else _others(row, differing)
+        name = f"{row.name}, {others}" if others else row.name
         latencies[name] = [(min(row.values("costs", "raw_cloud_ms")), means[id(row)])]
     if len(latencies) > 1:
         plots["accuracy_by_latency"] = chart(
@@ -308,14 +302,7 @@ def _differing(rows: Sequence[Row]) -> list[str]:
     said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs", "protocol.precision")
     flat = [_flat(row.settings) for row in rows]
     names = sorted({name for settings in flat for name in settings if not name.startswith(said)})
-    different = []
-    for name in names:
-        # Whether there is a teacher is said with the model: its settings differ only among those that have one.
-        of_teacher = name.startswith("protocol.teacher")
-        values = {str(settings.get(name)) for settings in flat if name in settings or not of_teacher}
-        if len(values) > 1:
-            different.append(name)
-    return different
+    return [name for name in names if len({str(settings.get(name)) for settings in flat}) > 1]
 
 
 def _others(row: Row, differing: Sequence[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
@@ -11,9 +10,9 @@ from pec.augment import Augment
 from pec.clouds import SIZES
 from pec.errors import ConfigError
 from pec.models import MODELS
-from pec.preprocess import CLOUD_SIZES, Preprocess
+from pec.preprocess import Preprocess
 
-__all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TeacherConfig", "TrainConfig", "read_config"]
+__all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "read_config"]
 
 T = TypeVar("T")
 
@@ -49,9 +48,7 @@ class ProtocolConfig:
     initial_weights: torch's "default", or "scaled" to the data (`pec.initialise`). precision: of the
     products in training, "float32" or "bfloat16" (torch.autocast: faster on GPUs and on CPUs with AMX); weights keep
     float32. logit_adjustment: how far training makes up for classes of unequal number, 0 not at all, 1 as if all were
-    as many: the loss sees the logits plus that many times the log of the class's share (Menon et al., ICLR 2021).
-    teacher: a network whose answers are learnt instead of the labels; label_smoothing and logit_adjustment, which are
-    about labels, have no effect then."""
+    as many: the loss sees the logits plus that many times the log of the class's share (Menon et al., ICLR 2021)."""
 
     selection: str = "validation"
     epochs: int = 60
@@ -63,19 +60,6 @@ class ProtocolConfig:
     label_smoothing: float = 0.1
     precision: str = "float32"
     logit_adjustment: float = 0.0
-    teacher: TeacherConfig | None = None
-
-
-@dataclass(frozen=True)
-class TeacherConfig:
-    """A network that is trained first, below OUTPUT/teacher, on the same split with the same augmentation, and then
-    teaches as its last epoch left it. size: `Preprocess.size` of its clouds; in all else they are prepared as the
-    student's are. temperature: what the logits of both are divided by (`pec.distillation`)."""
-
-    model: ModelConfig = field(default_factory=lambda: ModelConfig("pec2"))
-    protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
-    size: str = "kept"
-    temperature: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -109,15 +93,19 @@ class TrainConfig:
 def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     """A checked TrainConfig. Raises ConfigError that names the setting and its value."""
     config = _build(TrainConfig, settings, "")
-    dataset = config.dataset
-    _check_protocol("protocol", config.protocol)
+    protocol, dataset = config.protocol, config.dataset
+    _one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
+    _one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
+    _one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
+    _one_of("protocol.precision", protocol.precision, ("float32", "bfloat16"))
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
     _one_of("dataset.size", dataset.size, SIZES)
     _one_of("model.name", config.model.name, tuple(MODELS))
-    if config.model.name == "knn" and config.protocol.teacher is not None:
-        raise ConfigError("protocol.teacher: model.name 'knn' keeps labelled clouds and can learn from no answers")
     _one_of("device", config.device, ("auto", "cpu", "cuda"))
     for name, value in (
+        ("protocol.epochs", protocol.epochs),
+        ("protocol.batch_size", protocol.batch_size),
+        ("protocol.learning_rate", protocol.learning_rate),
         ("dataset.samples_per_instance", dataset.samples_per_instance),
         ("threads", config.threads),
     ):
@@ -129,35 +117,11 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     ):
         if not 0 < share < 1:
             raise ConfigError(f"{name} must be between 0 and 1, got {share}")
+    if protocol.logit_adjustment < 0:
+        raise ConfigError(f"protocol.logit_adjustment must not be negative, got {protocol.logit_adjustment}")
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config
-
-
-def _check_protocol(where: str, protocol: ProtocolConfig) -> None:
-    _one_of(f"{where}.selection", protocol.selection, ("validation", "evaluation split"))
-    _one_of(f"{where}.schedule", protocol.schedule, ("constant", "one_cycle"))
-    _one_of(f"{where}.initial_weights", protocol.initial_weights, ("default", "scaled"))
-    _one_of(f"{where}.precision", protocol.precision, ("float32", "bfloat16"))
-    for name in ("epochs", "batch_size", "learning_rate"):
-        value = getattr(protocol, name)
-        if value is not None and value <= 0:
-            raise ConfigError(f"{where}.{name} must be positive, got {value}")
-    if protocol.logit_adjustment < 0:
-        raise ConfigError(f"{where}.logit_adjustment must not be negative, got {protocol.logit_adjustment}")
-    teacher = protocol.teacher
-    if teacher is None:
-        return
-    _one_of(f"{where}.teacher.model.name", teacher.model.name, tuple(MODELS))
-    _one_of(f"{where}.teacher.size", teacher.size, CLOUD_SIZES)
-    _check_protocol(f"{where}.teacher.protocol", teacher.protocol)
-    if teacher.protocol.selection != protocol.selection:
-        raise ConfigError(
-            f"{where}.teacher.protocol.selection must be {where}.selection, {protocol.selection!r}, "
-            f"got {teacher.protocol.selection!r}: it would learn from other clouds than the student"
-        )
-    if not 0 < teacher.temperature < math.inf:
-        raise ConfigError(f"{where}.teacher.temperature must be positive, got {teacher.temperature}")
 
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -173,11 +137,10 @@ def _build(cls: type[T], settings: Mapping[str, Any], where: str) -> T:
         if name not in known:
             raise ConfigError(f"unknown setting {where}{name}; known: {', '.join(sorted(known))}")
         hint = hints[name]
-        group = next((item for item in (hint, *getattr(hint, "__args__", ())) if is_dataclass(item)), None)
-        if group is not None and not (value is None and hint is not group):
+        if is_dataclass(hint):
             if not isinstance(value, Mapping):
                 raise ConfigError(f"{where}{name} must be a group of settings, got {value!r}")
-            value = _build(group, value, f"{where}{name}.")  # type: ignore[arg-type]
+            value = _build(hint, value, f"{where}{name}.")  # type: ignore[arg-type]
         else:
             value = _plain(hint, value, where + name)
         values[name] = value

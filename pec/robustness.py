@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from pec.ablation_table import model_name, order_name
+from pec.ablation_table import order_name
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.clouds import CloudDataset, load_dataset
 from pec.config import read_config
@@ -114,7 +114,7 @@ def _read_run(run: Path, data: str | None) -> _Member:
     del decisive["seed"], decisive["dataset"]["path"]
     row = {
         "run": str(run),
-        "network": model_name(asdict(config)),
+        "network": checkpoint.network,
         "points": preprocess.n_points,
         "order": order_name(asdict(preprocess)),
         "seed": config.seed,

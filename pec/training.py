@@ -11,7 +11,6 @@ import math
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from pec.augment import augment
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
 from pec.clouds import CloudDataset, load_dataset
 from pec.config import DatasetConfig, TrainConfig, read_config
-from pec.distillation import Teacher
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.evaluation import arrange_views, log_probabilities, score
 from pec.initialise import scale_initial_weights
@@ -46,51 +44,25 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     """Train and evaluate as `cfg` says (see `pec.config.TrainConfig`).
 
     Returns what is also written to OUTPUT/results.json. OUTPUT/best and OUTPUT/last are checkpoints, OUTPUT/tensorboard
-    the curves; OUTPUT/teacher is a run of its own, where there is a teacher. A finished run is not repeated, an
-    interrupted one goes on.
+    the curves. A finished run is not repeated, an interrupted one goes on.
     Raises ConfigError, DatasetError, CheckpointError, or TrainingError where the loss is not finite any more.
     """
     config = read_config(cfg)
-    torch.set_flush_denormal(True)  # weights that decay towards zero otherwise slow a CPU down many times
-    try:
-        with torch_threads(config.threads):
-            return _finish(config)
-    finally:
-        torch.set_flush_denormal(False)  # it holds for all arithmetic of the process, the caller's too
-
-
-def _finish(config: TrainConfig) -> dict[str, Any]:
-    """The results of the run, and before it of its teacher's, as far as they are not there yet."""
     output = Path(config.output)
     finished = _finished(output, config)
     if finished is not None:
         return finished
-    settings = config.protocol.teacher
-    if settings is None:
-        results = _train(config, None)
-    else:
-        state = read_training_state(output / "last")
-        if state is not None:  # before a teacher is trained for nothing
-            _check_same(config, state.progress["config"], output)
-        # With the same seed the same clouds are kept for validation and test: the teacher has not learnt them either.
-        own = replace(
-            config,
-            output=str(output / "teacher"),
-            model=settings.model,
-            protocol=settings.protocol,
-            preprocess=replace(config.preprocess, size=settings.size),
-        )
-        taught = _finish(own)
-        # Its last epoch: the best one was chosen on clouds that the student is judged by.
-        checkpoint = read_checkpoint(output / "teacher" / "last")
-        checkpoint.model.to(_device(config.device))
-        results = _train(config, Teacher(checkpoint, settings.temperature))
-        results["teacher"] = {"training_s": taught["training_s"], "test_accuracy": taught["last"]["test_accuracy"]}
+    torch.set_flush_denormal(True)  # weights that decay towards zero otherwise slow a CPU down many times
+    try:
+        with torch_threads(config.threads):
+            results = _train(config)
+    finally:
+        torch.set_flush_denormal(False)  # it holds for all arithmetic of the process, the caller's too
     _write_json(output / "results.json", results)
     return results
 
 
-def _train(config: TrainConfig, teacher: Teacher | None) -> dict[str, Any]:
+def _train(config: TrainConfig) -> dict[str, Any]:
     device = _device(config.device)
     dataset = load_dataset(
         config.dataset.path,
@@ -114,7 +86,7 @@ def _train(config: TrainConfig, teacher: Teacher | None) -> dict[str, Any]:
         progress=config.progress,
     )
     training, selection, test = (prepared.subset(part).to(device) for part in parts)
-    run = _Run(config, dataset.classes, device, teacher)
+    run = _Run(config, dataset.classes, device)
     run.fit(training, selection)
     counts = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
     return {**run.results(training, selection, test), "n_samples": counts}
@@ -154,8 +126,8 @@ def log_class_shares(labels: torch.Tensor, n_classes: int) -> torch.Tensor:
 class _Run:
     """Model, optimizer and progress of one run, kept in step with OUTPUT/last."""
 
-    def __init__(self, config: TrainConfig, classes: list[str], device: torch.device, teacher: Teacher | None) -> None:
-        self.config, self.classes, self.device, self.teacher = config, classes, device, teacher
+    def __init__(self, config: TrainConfig, classes: list[str], device: torch.device) -> None:
+        self.config, self.classes, self.device = config, classes, device
         self.output = Path(config.output)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
@@ -177,20 +149,19 @@ class _Run:
         """Train up to the configured epoch, saving after each."""
         config, protocol = self.config, self.config.protocol
         static = None
-        if config.augment.is_identity and config.preprocess.n_views == 1 and self.teacher is None:
+        if config.augment.is_identity and config.preprocess.n_views == 1:
             static = config.preprocess.arrange(training.candidates, training.valid)
         batch_size = min(protocol.batch_size or len(training), len(training))
         n_steps = math.ceil(len(training) / batch_size)
         if self.epoch == 0 and self.optimizer and protocol.initial_weights == "scaled":
             generator = torch.Generator().manual_seed(config.seed)
             index = torch.randperm(len(training), generator=generator)[:_SCALING_CLOUDS].to(self.device)
-            drawn = self._draw(training, index, generator)
-            scale_initial_weights(self.model, config.preprocess.arrange(*drawn), config.seed)
+            scale_initial_weights(self.model, self._draw(training, index, generator), config.seed)
         inputs = arrange_views(config.preprocess, selection.candidates, selection.valid)
         with Tracker(self.output / "tensorboard", self.epoch) as tracker:
             bar = tqdm(
                 range(self.epoch, self.n_epochs),
-                desc=f"training {config.model.name}",
+                desc="training",
                 unit="epoch",
                 initial=self.epoch,
                 total=self.n_epochs,
@@ -264,23 +235,11 @@ class _Run:
                 for group in self.optimizer.param_groups:
                     group["lr"] = rate
                 labels = training.labels[index]
-                answers = None
-                if static is not None:
-                    inputs = static[index]
-                else:
-                    drawn = self._draw(training, index, generator)
-                    inputs = config.preprocess.arrange(*drawn)
-                    answers = self.teacher.answers(*drawn) if self.teacher is not None else None
+                inputs = static[index] if static is not None else self._draw(training, index, generator)
                 with torch.autocast(self.device.type, torch.bfloat16, enabled=protocol.precision == "bfloat16"):
                     logits = self.model(inputs)
                 logits = logits.float()
-                if answers is not None:
-                    assert self.teacher is not None
-                    loss = self.teacher.loss(logits, answers)
-                else:
-                    loss = nn.functional.cross_entropy(
-                        logits + offsets, labels, label_smoothing=protocol.label_smoothing
-                    )
+                loss = nn.functional.cross_entropy(logits + offsets, labels, label_smoothing=protocol.label_smoothing)
                 if isinstance(self.model, PointNet):
                     assert self.model.penalty is not None
                     loss = loss + self.model.penalty
@@ -301,13 +260,10 @@ class _Run:
         scores = score(self.model.fit(inputs, training.labels), training.labels)
         return scores.loss, scores.accuracy, 0.0
 
-    def _draw(
-        self, training: PreparedClouds, index: torch.Tensor, generator: torch.Generator
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """What `Preprocess.arrange` takes: augmented candidates, which of them are valid, and a pose each."""
+    def _draw(self, training: PreparedClouds, index: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         points, valid = augment(training.candidates[index], training.valid[index], self.config.augment, generator)
         view = torch.randint(self.config.preprocess.n_views, (len(index),), generator=generator).to(self.device)
-        return points, valid, view
+        return self.config.preprocess.arrange(points, valid, view)
 
     def _learning_rate(self, progress: float) -> float:
         """The rate at `progress` in [0, 1): constant, or a tenth of the run up and a cosine down to nothing."""
