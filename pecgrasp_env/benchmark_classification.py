@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,8 @@ _RAW_POINTS = 200
 def classification(settings: Mapping[str, Any]) -> list[Row]:
     """From one raw cloud to class and confidence on one thread, beside a k-d tree of the same cloud.
 
-    default, published: PEC by the default and by the published preprocessing; pec2 upright: ModelNet10's. Then the
-    rivals on as many points, in the order of farthest point sampling. Last, ours on all clouds of a scene at once.
+    default, published: PEC by the default and by the published preprocessing; upright: ModelNet10's, four views. Then
+    the rivals on as many points, in the order of farthest point sampling. Last, ours on all clouds of a scene at once.
     """
     targets = {int(n): float(most) for n, most in settings.get("classify_at_most_ms", {}).items()}
     ours, rivals = _classifiers(settings["seed"])
@@ -83,6 +84,7 @@ def _classifiers(seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
     ours = {
         "default": classifier("pec", TrainConfig(DatasetConfig(""), "").preprocess),
         "published": classifier("pec", Preprocess(ordering="groups", group_size=16)),
+        "pec upright": classifier("pec", replace(upright, size="root")),
         "pec2 upright": classifier("pec2", upright),
     }
     rivals = [name for name in MODELS if not name.startswith("pec")]
