@@ -29,11 +29,11 @@ from pec.errors import CloudError, ConfigError
 from pec.ordering import anchor_positions, group_order, nearest_candidates
 from pec.pose import FLIPS, principal_pose
 
-__all__ = ["CLOUD_SIZES", "Preprocess", "check_cloud", "farthest_point_sampling", "farthest_points"]
+__all__ = ["Preprocess", "check_cloud", "farthest_point_sampling", "farthest_points"]
 
 ORDERINGS = ("none", "groups", "anchors")
 POSES = ("given", "principal", "upright")
-CLOUD_SIZES = ("kept", "unit", "root")
+SIZES = ("kept", "unit", "root")
 _ROOTED_SPREADS = (0.02, 2.0)  # m: a mouse has 0.04, a bed 0.9
 # The given cloud and its mirror images in the vertical planes: as likely where front and back or left and right are.
 _MIRRORS = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (-1.0, -1.0, 1.0))
@@ -157,8 +157,8 @@ class Preprocess:
             raise ConfigError(f"preprocess.n_candidates {self.n_candidates} is less than n_points {self.n_points}")
         if self.anchor_unit not in ("axis", "cloud"):
             raise ConfigError(f"preprocess.anchor_unit must be 'axis' or 'cloud', got {self.anchor_unit!r}")
-        if self.size not in CLOUD_SIZES:
-            raise ConfigError(f"preprocess.size must be one of {CLOUD_SIZES}, got {self.size!r}")
+        if self.size not in SIZES:
+            raise ConfigError(f"preprocess.size must be one of {SIZES}, got {self.size!r}")
         if self.ordering != "anchors" and self.n_candidates != self.n_points:
             raise ConfigError(
                 f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
