@@ -21,11 +21,10 @@ from typing import Any
 
 import torch
 
-from pec.shards import MANIFEST_NAME
-from pec.splits import SPLITS_NAME
+from pec.clouds import data_version
 from pec.training import train
 
-__all__ = ["cell_key", "code_version", "data_version", "read_cells", "run_cell"]
+__all__ = ["cell_key", "code_version", "read_cells", "run_cell"]
 
 # What leaves the numbers of a cell as they are: where it runs and lies, and what the table calls it.
 _BESIDE = ("output", "threads", "device", "cache", "progress", "name", "folder", "table")
@@ -50,10 +49,6 @@ def run_cell(settings: Mapping[str, Any]) -> dict[str, Any]:
     """
     key = cell_key(settings)
     directory = Path(settings["folder"]) / "cells" / key
-    if (directory / "results.json").is_file():
-        earlier = json.loads((directory / "cell.json").read_text())
-        if earlier["status"] == "done":  # wherever its data lay
-            return {"key": key, **earlier}
     directory.mkdir(parents=True, exist_ok=True)
     cell = {
         "status": "unfinished",
@@ -100,17 +95,6 @@ def code_version(root: Path = Path(__file__).parent) -> str:
         if name not in _BESIDE_CODE:
             digest.update(f"{name}\n{_without_docstrings(path.read_text())}\n".encode())
     return digest.hexdigest()[:16]
-
-
-def data_version(path: str | os.PathLike[str]) -> str:
-    """Hash of an archive, or of the files that list a generated data set and its splits; "missing" where it is not."""
-    path = Path(path)
-    # Not its results.json: that tells of the last command, and generating a whole set once more changes nothing else.
-    listing = [path / name for name in (MANIFEST_NAME, SPLITS_NAME)]
-    files = [path] if path.is_file() else [file for file in listing if file.is_file()]
-    if not files:
-        return "missing"
-    return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
 
 
 def _decisive(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from pec.errors import DatasetError
-from pec.shards import read_manifest, read_shard
-from pec.splits import read_splits
+from pec.shards import MANIFEST_NAME, read_manifest, read_shard
+from pec.splits import SPLITS_NAME, read_splits
 
 __all__ = [
     "CloudDataset",
+    "data_version",
     "load_dataset",
     "remove_around_random_point",
 ]
@@ -86,6 +87,17 @@ class CloudDataset:
         factors = np.where(metric, 1, _INCH / self.mesh_scales).astype(np.float32)
         sized = [cloud * factor for cloud, factor in zip(self.clouds, factors, strict=True)]
         return replace(self, clouds=sized, fingerprint=f"{self.fingerprint} in mesh size")
+
+
+def data_version(path: str | os.PathLike[str]) -> str:
+    """Hash of an archive, or of the files that list a generated data set and its splits; "missing" where it is not."""
+    path = Path(path)
+    # Not its results.json: that tells of the last command, and generating a whole set once more changes nothing else.
+    listing = [path / name for name in (MANIFEST_NAME, SPLITS_NAME)]
+    files = [path] if path.is_file() else [file for file in listing if file.is_file()]
+    if not files:
+        return "missing"
+    return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
 
 
 def load_dataset(

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from pec.augment import augment
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
-from pec.clouds import CloudDataset, load_dataset
+from pec.clouds import CloudDataset, data_version, load_dataset
 from pec.config import DatasetConfig, TrainConfig, read_config
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.evaluation import arrange_views, log_probabilities, score
@@ -202,6 +202,7 @@ class _Run:
             "threads": self.config.threads,
             "checkpoint": str(self.output / "best"),
             "config": self.config.decisive(),
+            "data": data_version(self.config.dataset.path),
             **report(self.output, self.config, training, selection, test),
             "curves": self.history,
         }
@@ -291,6 +292,7 @@ class _Run:
             "history": self.history,
             "classes": self.classes,
             "config": self.config.decisive(),
+            "data": data_version(self.config.dataset.path),
         }
         write_checkpoint(self.output / "last", self._checkpoint(self.epoch), TrainingState(moments, progress))
 
@@ -298,7 +300,7 @@ class _Run:
         state = read_training_state(self.output / "last")
         if state is None:
             return
-        _check_same(self.config, state.progress["config"], self.output)
+        _check_same(self.config, state.progress, self.output)
         if state.progress["classes"] != self.classes:
             raise ConfigError(f"output {self.output} holds a run with classes {state.progress['classes']}")
         self.model.load_state_dict(read_checkpoint(self.output / "last").model.state_dict())
@@ -318,21 +320,27 @@ def _finished(output: Path, config: TrainConfig) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     results = json.loads(path.read_text())
-    _check_same(config, results["config"], output)
+    _check_same(config, results, output)
     return results
 
 
 def _check_same(config: TrainConfig, earlier: dict[str, Any], output: Path) -> None:
+    """ConfigError where `earlier`, with its "config" and "data", had other settings or other data than `config` has."""
     # Through JSON, as the earlier one went: tuples become lists.
     now = _flat(json.loads(json.dumps(config.decisive())))
-    before = _flat(earlier)
+    before = _flat(earlier["config"])
+    data, recorded = data_version(config.dataset.path), earlier.get("data")  # None: by an older version
+    if data == recorded:
+        before["dataset.path"] = config.dataset.path  # wherever they lie
     changed = [name for name in sorted(now | before) if now.get(name) != before.get(name)]
     if changed:
         name = changed[0]
-        raise ConfigError(
-            f"output {output} holds a run with {name}={before.get(name)!r}, not {now.get(name)!r}: "
-            "choose another output, or delete it"
-        )
+        difference = f"{name}={before.get(name)!r}, not {now.get(name)!r}"
+    elif recorded and data not in ("missing", recorded):  # what is done stays so without its data
+        difference = f"other data: {config.dataset.path} has changed since"
+    else:
+        return
+    raise ConfigError(f"output {output} holds a run with {difference}: choose another output, or delete it")
 
 
 def _flat(settings: dict[str, Any], where: str = "") -> dict[str, Any]:

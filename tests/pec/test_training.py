@@ -78,6 +78,27 @@ def test_output_of_other_settings_is_not_mixed(run, shapes):
         train(_settings(shapes, output, protocol={"learning_rate": 0.1}))
 
 
+def test_run_knows_its_data_wherever_they_lie(run, shapes, tmp_path):
+    output, results = run
+    moved = shutil.copytree(shapes, tmp_path / "moved")
+    assert train(_settings(moved, output)) == results
+    manifest = json.loads((moved / "manifest.json").read_text())
+    (moved / "manifest.json").write_text(json.dumps(manifest | {"seed": 5}))
+    with pytest.raises(ConfigError, match=r"dataset\.path=.*, not .*moved"):
+        train(_settings(moved, output))
+
+
+def test_run_is_not_mixed_with_data_that_changed_in_their_place(shapes, tmp_path):
+    data = shutil.copytree(shapes, tmp_path / "data")
+    train(_settings(data, tmp_path / "out", protocol={"epochs": 1}))
+    manifest = (data / "manifest.json").read_text()
+    (data / "manifest.json").write_text(json.dumps(json.loads(manifest) | {"seed": 5}))
+    with pytest.raises(ConfigError, match=r"other data: .*data has changed since"):
+        train(_settings(data, tmp_path / "out", protocol={"epochs": 1}))
+    shutil.rmtree(data)
+    assert train(_settings(data, tmp_path / "out", protocol={"epochs": 1}))["epochs"] == 1  # done, its data deleted
+
+
 def test_equal_seeds_give_equal_weights(run, shapes, tmp_path):
     output, _ = run
     train(_settings(shapes, tmp_path))
