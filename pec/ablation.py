@@ -34,6 +34,7 @@ _BESIDE_CODE = (
     "ablation.py",
     "ablation_table.py",
     "charts.py",
+    "proportions.py",
     "sweep.py",
     "onnx_export.py",
     "corruptions.py",

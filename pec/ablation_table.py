@@ -14,7 +14,7 @@ from typing import Any
 
 from pec.ablation import code_version, read_cells
 from pec.charts import chart
-from pec.evaluation import wilson_interval
+from pec.proportions import wilson_interval
 
 __all__ = ["Row", "order_name", "read_rows", "write_table"]
 
@@ -191,7 +191,7 @@ def _csv(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -
     for row in rows:
         for seed, result in zip(row.seeds, row.results, strict=True):
             best, n = result["best"], result["n_samples"]["test"]
-            low, high = wilson_interval(best["test_accuracy"], n)
+            low, high = wilson_interval(n * best["test_accuracy"], n)
             line = {
                 "model": row.model,
                 "points": row.points,
@@ -319,7 +319,8 @@ def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
 
 
 def _wilson(row: Row) -> tuple[float, float]:
-    return wilson_interval(fmean(row.values("best", "test_accuracy")), row.results[0]["n_samples"]["test"])
+    n = row.results[0]["n_samples"]["test"]
+    return wilson_interval(n * fmean(row.values("best", "test_accuracy")), n)
 
 
 def _percent(shares: Sequence[float]) -> str:

@@ -22,7 +22,6 @@ __all__ = [
     "predict_log_probabilities",
     "rejection_threshold",
     "score",
-    "wilson_interval",
 ]
 
 FALSE_REJECTIONS = 0.01
@@ -141,11 +140,3 @@ def rejection_threshold(confidences: torch.Tensor, rate: float = FALSE_REJECTION
     """
     k = math.floor(rate * (len(confidences) + 1))
     return confidences.sort().values[k - 1].item() if k else 0.0
-
-
-def wilson_interval(share: float, n: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share of n samples (Wilson 1927)."""
-    z = 1.959964
-    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return max(0.0, centre - half), min(1.0, centre + half)

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 
-from pecgrasp_env.proportions import wilson_interval
+from pec.proportions import wilson_interval
 from pecgrasp_env.robot.linkage import STROKE
 
 Act = Callable[[Mapping[str, Any]], np.ndarray]

@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 
 from grasping.viewer import page
+from pec.proportions import wilson_interval
 from pecgrasp_env.charts import bars
 from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation_cells import Cell
 from pecgrasp_env.evaluation_tables import FIRST_TRY, Evaluation, p_value, progress_of
 from pecgrasp_env.failure_pictures import KINDS
 from pecgrasp_env.paired import ALL, Comparison
-from pecgrasp_env.proportions import wilson_interval
 from pecgrasp_env.summary import lifted, lifted_at_once, summarise
 
 _CAPTIONS = {

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pec.proportions import mcnemar
 from pecgrasp_env.episode import Episode
 from pecgrasp_env.evaluation_cells import Cell
-from pecgrasp_env.proportions import mcnemar
 from pecgrasp_env.summary import lifted
 
 ALL = "all"

@@ -18,8 +18,8 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
+from pec.proportions import wilson_interval
 from pecgrasp_env.objects import make_object
-from pecgrasp_env.proportions import wilson_interval
 from pecgrasp_env.whole_files import write_whole
 
 FloatArray = NDArray[np.float64]

@@ -18,10 +18,10 @@ from PIL import Image
 
 from grasping import ROBOTIQ_2F_140, Gripper
 from grasping.viewer import Layer, fragment, page
+from pec.proportions import wilson_interval
 from pecgrasp_env.charts import bars, confusion_matrix, curve, number
 from pecgrasp_env.episode import OUTCOME_WORDS
 from pecgrasp_env.episode_record import EpisodeRecord
-from pecgrasp_env.proportions import wilson_interval
 from pecgrasp_env.whole_files import write_whole
 
 UP = (0.0, 0.0, 1.0)  # of the robot's base frame, in which records are

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pec.proportions import wilson_interval
 from pecgrasp_env.episode import OUTCOMES, Episode
-from pecgrasp_env.proportions import wilson_interval
 
 
 def lifted(episode: Episode) -> bool:

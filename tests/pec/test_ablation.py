@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from pec.ablation import cell_key, code_version, read_cells, run_cell
 from pec.ablation_table import write_table
 from pec.charts import chart
-from pec.evaluation import wilson_interval
+from pec.proportions import wilson_interval
 
 ROOT = Path(__file__).parents[2]
 
@@ -119,7 +119,8 @@ def test_table_says_what_the_cells_measured(grid):
     row = next(line for line in markdown.splitlines() if "groups of 16" in line and "0.002" in line).split(" | ")
     assert row[:6] == ["pec", "64", "groups of 16", "honest", "1", "2"]
     assert row[6] == f"{100 * fmean(pair):.2f} ± {100 * stdev(pair):.2f}"
-    low, high = wilson_interval(fmean(pair), cells[0]["results"]["n_samples"]["test"])
+    n = cells[0]["results"]["n_samples"]["test"]
+    low, high = wilson_interval(n * fmean(pair), n)
     assert row[7] == f"{100 * low:.1f}–{100 * high:.1f}"
     assert row[10] == "99.3"
     assert row[-1] == "protocol.learning_rate=0.002"
@@ -165,7 +166,7 @@ def test_csv_and_json_have_a_line_a_cell(grid):
     assert {line["published"] for line in lines if line["order"] == "groups of 4"} == {"0.93"}
     for line in lines:
         n, share = int(line["n_test"]), float(line["test_accuracy"])
-        assert float(line["wilson_low"]) == pytest.approx(wilson_interval(share, n)[0])
+        assert float(line["wilson_low"]) == pytest.approx(wilson_interval(n * share, n)[0])
         assert json.loads(line["settings"])["protocol"]["epochs"] == int(line["epochs"]) == 1
     rows = json.loads((grid / "results.json").read_text())["rows"]
     assert sum(len(row["seeds"]) for row in rows) == len(lines)

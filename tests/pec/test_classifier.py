@@ -18,7 +18,6 @@ from pec.evaluation import (
     fit_temperature,
     rejection_threshold,
     score,
-    wilson_interval,
 )
 from pec.preprocess import Preprocess
 
@@ -198,11 +197,3 @@ def test_threshold_is_kept_in_the_checkpoint_and_older_ones_have_none(tmp_path):
     del config["unknown_below"]
     (tmp_path / "c" / "config.json").write_text(json.dumps(config))
     assert Classifier.load(tmp_path / "c").predict(_clouds(1)[0]).label in CLASSES
-
-
-@pytest.mark.parametrize(
-    ("share", "n", "interval"),
-    [(1.0, 100, (0.9630, 1.0)), (0.9, 10, (0.5958, 0.9821)), (0.0, 50, (0.0, 0.0713))],
-)
-def test_wilson_interval_of_known_cases(share, n, interval):
-    assert wilson_interval(share, n) == pytest.approx(interval, abs=1e-4)

@@ -1,18 +1,20 @@
-"""What counts out of n episodes are worth: Wilson's interval of one share, McNemar's test of two on the same scenes."""
+"""What counts out of n cases are worth: Wilson's interval of one share, McNemar's test of two on the same cases."""
 
 from __future__ import annotations
 
 import math
+
+__all__ = ["ProportionError", "mcnemar", "wilson_interval"]
 
 
 class ProportionError(ValueError):
     """Counts that are no proportion; the message says which."""
 
 
-def wilson_interval(successes: int, n: int, z: float = 1.959964) -> tuple[float, float]:
+def wilson_interval(successes: float, n: int, z: float = 1.959964) -> tuple[float, float]:
     """Wilson's score interval of a proportion, 95 % by default: Wilson (1927), as in Brown, Cai and DasGupta (2001).
 
-    Raises ProportionError unless 0 ≤ successes ≤ n and n > 0.
+    successes: a mean over several seeds need not be whole. Raises ProportionError unless 0 ≤ successes ≤ n and n > 0.
     """
     if not 0 <= successes <= n or n == 0:
         raise ProportionError(f"{successes} successes of {n}: no proportion")

@@ -5,12 +5,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from pecgrasp_env.proportions import ProportionError, mcnemar, wilson_interval
+from pec.proportions import ProportionError, mcnemar, wilson_interval
 
 
 @pytest.mark.parametrize(
     ("successes", "n", "interval"),
-    [(19, 20, (0.764, 0.991)), (0, 10, (0.0, 0.278)), (10, 10, (0.722, 1.0)), (50, 100, (0.404, 0.596))],
+    [
+        (19, 20, (0.764, 0.991)),
+        (0, 10, (0.0, 0.278)),
+        (10, 10, (0.722, 1.0)),
+        (50, 100, (0.404, 0.596)),
+        (9, 10, (0.5958, 0.9821)),
+        (100, 100, (0.9630, 1.0)),
+    ],
 )
 def test_wilson_intervals_of_the_tables(successes, n, interval):
     assert wilson_interval(successes, n) == pytest.approx(interval, abs=5e-4)
