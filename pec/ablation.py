@@ -35,6 +35,8 @@ _BESIDE_CODE = (
     "ablation_table.py",
     "charts.py",
     "proportions.py",
+    "finished.py",
+    "comparison.py",
     "sweep.py",
     "onnx_export.py",
     "corruptions.py",

@@ -15,14 +15,12 @@ import torch
 from tqdm import tqdm
 
 from pec.ablation_table import order_name
-from pec.checkpoint import Checkpoint, read_checkpoint
-from pec.clouds import CloudDataset, load_dataset
-from pec.config import read_config
+from pec.checkpoint import Checkpoint
+from pec.clouds import CloudDataset
 from pec.corruptions import CORRUPTIONS, LEVELS, corrupt
-from pec.errors import CheckpointError
 from pec.evaluation import predict_log_probabilities, score
+from pec.finished import read_finished
 from pec.threads import torch_threads
-from pec.training import split
 
 __all__ = ["measure_robustness", "robustness_table"]
 
@@ -38,7 +36,7 @@ def measure_robustness(
     corruption its five accuracies, level 1 first. Raises CheckpointError where a folder holds no finished run, or
     DatasetError.
     """
-    members = [_read_run(Path(run), data) for run in runs]
+    members = [_member(Path(run), data) for run in runs]
     kinds = [("clean", 0), *((kind, level) for kind in CORRUPTIONS for level in LEVELS)]
     with torch_threads(1):
         for kind, level in tqdm(kinds, desc="corruptions", unit="set", disable=not progress):
@@ -90,25 +88,11 @@ class _Member:
     row: dict[str, Any]
 
 
-def _read_run(run: Path, data: str | None) -> _Member:
-    path = run / "results.json"
-    if not path.is_file():
-        raise CheckpointError(f"{run} holds no finished training run: {path} does not exist")
-    settings = json.loads(path.read_text())["config"]
-    if data is not None:
-        settings["dataset"]["path"] = data
-    config = read_config({**settings, "output": str(run)})
-    checkpoint = read_checkpoint(run / "best")
+def _member(run: Path, data: str | None) -> _Member:
+    finished = read_finished(run, data)
+    config, checkpoint, clouds = finished.config, finished.checkpoint, finished.dataset
     preprocess = checkpoint.preprocess
-    clouds = load_dataset(
-        config.dataset.path,
-        checkpoint.classes,
-        config.dataset.samples_per_instance,
-        preprocess.n_points,
-        config.dataset.size,
-    )
-    indices = split(clouds, config.dataset, "validation", config.seed)[2]
-    sampling = [clouds.fingerprint, checkpoint.classes, indices.tolist()]
+    sampling = [clouds.fingerprint, checkpoint.classes, finished.test.tolist()]
     sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.sampling, preprocess.start]
     decisive = config.decisive()
     del decisive["seed"], decisive["dataset"]["path"]
@@ -119,9 +103,9 @@ def _read_run(run: Path, data: str | None) -> _Member:
         "order": order_name(asdict(preprocess)),
         "seed": config.seed,
         "settings": decisive,
-        "n_test": len(indices),
+        "n_test": len(finished.test),
     }
-    return _Member(checkpoint, clouds.subset(indices), json.dumps(sampling), row)
+    return _Member(checkpoint, clouds.subset(finished.test), json.dumps(sampling), row)
 
 
 def _sampled(member: _Member, kind: str, level: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:

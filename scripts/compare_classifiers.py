@@ -1,0 +1,28 @@
+"""Trained classifiers on the same test clouds: `python scripts/compare_classifiers.py runs=[DIR,DIR]`."""
+
+import json
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from pec.comparison import compare_classifiers, comparison_table
+from pec.errors import CheckpointError, ConfigError, DatasetError
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="compare_classifiers")
+def main(cfg: DictConfig) -> None:
+    try:
+        comparison = compare_classifiers(list(cfg.runs), data=cfg.data, progress=cfg.progress)
+    except (CheckpointError, ConfigError, DatasetError) as error:
+        sys.exit(f"compare_classifiers: {error}")
+    table = comparison_table(comparison)
+    print(table)
+    output = Path(cfg.output)
+    (output / "table.md").write_text(table)
+    (output / "results.json").write_text(json.dumps(comparison, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
