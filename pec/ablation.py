@@ -52,6 +52,10 @@ def run_cell(settings: Mapping[str, Any]) -> dict[str, Any]:
     """
     key = cell_key(settings)
     directory = Path(settings["folder"]) / "cells" / key
+    if (directory / "results.json").is_file():
+        earlier = json.loads((directory / "cell.json").read_text())
+        if earlier["status"] == "done":
+            return {"key": key, **earlier}
     directory.mkdir(parents=True, exist_ok=True)
     cell = {
         "status": "unfinished",

@@ -47,6 +47,8 @@ class CloudDataset:
     """Splits that came with the data, by name ("sample", "instance", "official"): (n,) bool, true for test."""
     mesh_scales: np.ndarray | None = None
     """(n,) what clouds that were scaled to one size are divided by to have the size of their mesh, in its unit."""
+    stored: np.ndarray | None = None
+    """(n,) int64, places of the clouds among all that the data set's files hold."""
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -74,6 +76,7 @@ class CloudDataset:
             instances=self.instances[indices],
             test={name: mask[indices] for name, mask in self.test.items()},
             mesh_scales=None if self.mesh_scales is None else self.mesh_scales[indices],
+            stored=None if self.stored is None else self.stored[indices],
         )
 
     def in_mesh_size(self) -> CloudDataset:
@@ -126,7 +129,7 @@ def load_dataset(
         if unknown:
             raise DatasetError(f"{path} has no class {unknown[0]!r}; it has {', '.join(dataset.classes)}")
         keep &= np.isin(dataset.labels, [dataset.classes.index(name) for name in classes])
-    dataset = dataset.subset(np.flatnonzero(keep))
+    dataset = replace(dataset, stored=np.arange(len(dataset))).subset(np.flatnonzero(keep))
     if classes is not None:
         new_label = np.array([classes.index(name) if name in classes else -1 for name in dataset.classes])
         dataset = replace(dataset, classes=list(classes), labels=new_label[dataset.labels])

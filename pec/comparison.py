@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from tqdm import tqdm
 
 from pec.ablation_table import order_name
-from pec.clouds import data_version
+from pec.clouds import CloudDataset
 from pec.errors import ConfigError, DatasetError
 from pec.evaluation import average_views, predict_log_probabilities
 from pec.finished import FinishedRun, read_finished
@@ -25,49 +26,58 @@ __all__ = ["compare_classifiers", "comparison_table"]
 
 
 def compare_classifiers(
-    runs: Sequence[str | os.PathLike[str]], *, data: str | None = None, progress: bool = False
+    runs: Sequence[str | os.PathLike[str]], *, data: str | None = None, seed: int = 0, progress: bool = False
 ) -> dict[str, Any]:
     """Compare the best checkpoints of finished training runs (their output folders) on their common test split.
 
-    data: where the clouds lie, if not where they lay in training. Each run sees its test clouds as in its own report.
-    Returns `runs` (a row each: `run`, `network`, `points`, `order`, `seed`, `accuracy`, `interval`), `pairs` (`first`,
-    `second`, `only_first`, `only_second`, `p` of McNemar's exact test), `n_test`, `together` (accuracy of the mean of
-    all probabilities), and `missed`: the clouds that half of the runs or more get wrong, most missed first (`cloud`:
-    index in the data set, `class`, `taken_for`: by most of those runs, `missed_by`).
+    data: where the clouds lie, if not where they lay in training. seed: of what is drawn for a cloud, FPS' first point
+    and what `dataset.removed` takes, alike for all runs.
+
+    Returns `n_test`, `n_objects`; `runs`, a row each: `run`, `network`, `points`, `order`, `protocol`, `seed`,
+    `accuracy`, `interval`; `pairs`: `first`, `second`, `only_first`, `only_second`, `p` of McNemar's exact test;
+    `together`, the accuracy of the mean of all calibrated probabilities; and `missed`, the clouds that half of the runs
+    or more get wrong, most missed first: `cloud` (its place in the stored data set), `class`, `taken_for` by most of
+    those runs, `missed_by`. Intervals and p are for other clouds of the same objects, and for these trained networks.
     Raises CheckpointError where a folder holds no finished run, DatasetError where runs were tested on other clouds
     than the first, ConfigError where there are no runs.
     """
     if not runs:
         raise ConfigError("runs names no folder")
-    bar = tqdm(runs, desc="runs", unit="run", disable=not progress)
+    first: FinishedRun | None = None
+    rows, answers = [], []
     with torch_threads(1):
-        members = [_member(read_finished(Path(run), data)) for run in bar]
-    first = members[0]
-    for run, member in zip(runs, members, strict=True):
-        if member.tested != first.tested:
-            raise DatasetError(f"{run} was tested on other clouds than {runs[0]}")
-    answers = torch.stack([member.log_probabilities for member in members])
-    labels = torch.from_numpy(first.run.dataset.labels[first.run.test])
-    predicted = answers.argmax(dim=2)
+        for folder in tqdm(runs, desc="runs", unit="run", disable=not progress):
+            run = read_finished(Path(folder), data)
+            first = first or run
+            _check_alike(run, first, f"{folder}", f"{runs[0]}")
+            answers.append(_answers(run, seed))
+            rows.append(_row(f"{folder}", run))
+    assert first is not None
+    labels = torch.from_numpy(first.test.labels)
+    predicted = torch.stack(answers).argmax(dim=2)
     right = predicted == labels
-    together = average_views(answers).argmax(dim=1) == labels
+    for row, hits in zip(rows, right, strict=True):
+        count = int(hits.sum())
+        row |= {"accuracy": count / len(labels), "interval": list(wilson_interval(count, len(labels)))}
+    together = average_views(torch.stack(answers)).argmax(dim=1) == labels
     return {
         "n_test": len(labels),
-        "runs": [_row(run, member.run, hits) for run, member, hits in zip(runs, members, right, strict=True)],
+        "n_objects": len(np.unique(first.test.instances)),
+        "runs": rows,
         "pairs": [
-            _pair(str(runs[i]), str(runs[j]), right[i], right[j])
+            _pair(f"{runs[i]}", f"{runs[j]}", right[i], right[j])
             for i in range(len(runs))
             for j in range(i + 1, len(runs))
         ],
         "together": together.double().mean().item(),
-        "missed": _missed(first.run, predicted, right),
+        "missed": _missed(first.test, predicted, right),
     }
 
 
 def comparison_table(comparison: dict[str, Any]) -> str:
     """Markdown: the runs, each against the first; then, by class, the clouds that the runs miss together."""
     rows, n_runs, n_test = comparison["runs"], len(comparison["runs"]), comparison["n_test"]
-    head = ["model", "points", "order", "seed", "test %", "Wilson 95 %"]
+    head = ["run", "model", "points", "order", "protocol", "seed", "test %", "Wilson 95 %"]
     head += ["only it is right", "only the first is right", "p, McNemar exact"]
     lines = [" | ".join(head), " | ".join(["---"] * len(head))]
     # The first run's pairs come first, in the order of the others.
@@ -77,14 +87,17 @@ def comparison_table(comparison: dict[str, Any]) -> str:
     ]
     for row, counts in zip(rows, against, strict=True):
         low, high = row["interval"]
-        said = [row["network"], str(row["points"]), row["order"], str(row["seed"])]
+        said = ["/".join(Path(row["run"]).parts[-2:])]
+        said += [str(row[name]) for name in ("network", "points", "order", "protocol", "seed")]
         lines.append(" | ".join([*said, f"{100 * row['accuracy']:.2f}", f"{100 * low:.1f}–{100 * high:.1f}", *counts]))
     missed = comparison["missed"]
     by_all = [cloud for cloud in missed if cloud["missed_by"] == n_runs]
     lines += [
         "",
-        f"All {n_runs} together, by the mean of their probabilities: {100 * comparison['together']:.2f} %. Of {n_test} "
-        f"test clouds {len(missed)} are missed by half of them or more, {len(by_all)} by all.",
+        f"{n_test} test clouds of {comparison['n_objects']} objects; intervals and p are for other clouds of these "
+        "objects, for the networks as they were trained, and not corrected for the number of pairs. "
+        f"All {n_runs} together, by the mean of their probabilities: {100 * comparison['together']:.2f} %. "
+        f"{len(missed)} clouds are missed by half of the runs or more, {len(by_all)} by all.",
     ]
     if missed:
         lines += ["", "class | missed by half or more | by all | taken for", "--- | --- | --- | ---"]
@@ -96,35 +109,39 @@ def comparison_table(comparison: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-@dataclass(frozen=True)
-class _Member:
-    run: FinishedRun
-    tested: tuple[Any, ...]
-    """Equal where runs were tested on the same clouds."""
-    log_probabilities: torch.Tensor
+def _check_alike(run: FinishedRun, first: FinishedRun, folder: str, first_folder: str) -> None:
+    for name, of_run, of_first in (
+        ("knows other classes", run.checkpoint.classes, first.checkpoint.classes),
+        ("has another dataset.removed", run.config.dataset.removed, first.config.dataset.removed),
+        ("was tested on other clouds", (run.data, _stored(run)), (first.data, _stored(first))),
+    ):
+        if of_run != of_first:
+            raise DatasetError(f"{folder} {name} than {first_folder}")
 
 
-def _member(run: FinishedRun) -> _Member:
-    config, preprocess = run.config, run.checkpoint.preprocess
-    clouds = prepare(run.dataset, preprocess, removed=config.dataset.removed, seed=config.seed, cache=config.cache)
-    test = clouds.subset(run.test)
-    tested = (data_version(config.dataset.path), run.checkpoint.classes, run.test.tolist(), test.labels.tolist())
-    answers = predict_log_probabilities(run.checkpoint.model, preprocess, test.candidates, test.valid)
-    return _Member(run, tested, answers)
+def _stored(run: FinishedRun) -> list[int]:
+    assert run.test.stored is not None
+    places: list[int] = run.test.stored.tolist()
+    return places
 
 
-def _row(run: str | os.PathLike[str], finished: FinishedRun, right: torch.Tensor) -> dict[str, Any]:
-    preprocess = finished.checkpoint.preprocess
-    n = len(right)
-    count = int(right.sum())
+def _answers(run: FinishedRun, seed: int) -> torch.Tensor:
+    """(n, C) calibrated log-probabilities."""
+    checkpoint = run.checkpoint
+    clouds = prepare(run.test, checkpoint.preprocess, removed=run.config.dataset.removed, seed=seed)
+    answers = predict_log_probabilities(checkpoint.model, checkpoint.preprocess, clouds.candidates, clouds.valid)
+    return (answers / checkpoint.temperature).log_softmax(dim=1)
+
+
+def _row(folder: str, run: FinishedRun) -> dict[str, Any]:
+    preprocess = run.checkpoint.preprocess
     return {
-        "run": str(run),
-        "network": finished.checkpoint.network,
+        "run": folder,
+        "network": run.checkpoint.network,
         "points": preprocess.n_points,
         "order": order_name(asdict(preprocess)),
-        "seed": finished.config.seed,
-        "accuracy": count / n,
-        "interval": list(wilson_interval(count, n)),
+        "protocol": "honest" if run.config.protocol.selection == "validation" else "published",
+        "seed": run.config.seed,
     }
 
 
@@ -139,19 +156,19 @@ def _pair(first: str, second: str, right_first: torch.Tensor, right_second: torc
     }
 
 
-def _missed(run: FinishedRun, predicted: torch.Tensor, right: torch.Tensor) -> list[dict[str, Any]]:
-    classes, labels = run.checkpoint.classes, run.dataset.labels[run.test]
+def _missed(test: CloudDataset, predicted: torch.Tensor, right: torch.Tensor) -> list[dict[str, Any]]:
+    assert test.stored is not None
     missed_by = (~right).sum(dim=0).tolist()
     clouds = []
-    for place in sorted(range(len(labels)), key=lambda place: -missed_by[place]):
+    for place in sorted(range(len(test)), key=lambda place: -missed_by[place]):
         if 2 * missed_by[place] < len(right):
             break
         wrong = predicted[~right[:, place], place].tolist()
         clouds.append(
             {
-                "cloud": int(run.test[place]),
-                "class": classes[labels[place]],
-                "taken_for": classes[Counter(wrong).most_common(1)[0][0]],
+                "cloud": int(test.stored[place]),
+                "class": test.classes[test.labels[place]],
+                "taken_for": test.classes[Counter(wrong).most_common(1)[0][0]],
                 "missed_by": missed_by[place],
             }
         )

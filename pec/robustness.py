@@ -90,9 +90,10 @@ class _Member:
 
 def _member(run: Path, data: str | None) -> _Member:
     finished = read_finished(run, data)
-    config, checkpoint, clouds = finished.config, finished.checkpoint, finished.dataset
+    config, checkpoint, test = finished.config, finished.checkpoint, finished.test
     preprocess = checkpoint.preprocess
-    sampling = [clouds.fingerprint, checkpoint.classes, finished.test.tolist()]
+    assert test.stored is not None
+    sampling = [finished.data, config.dataset.size, test.stored.tolist()]
     sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.sampling, preprocess.start]
     decisive = config.decisive()
     del decisive["seed"], decisive["dataset"]["path"]
@@ -103,9 +104,9 @@ def _member(run: Path, data: str | None) -> _Member:
         "order": order_name(asdict(preprocess)),
         "seed": config.seed,
         "settings": decisive,
-        "n_test": len(finished.test),
+        "n_test": len(test),
     }
-    return _Member(checkpoint, clouds.subset(finished.test), json.dumps(sampling), row)
+    return _Member(checkpoint, test, json.dumps(sampling), row)
 
 
 def _sampled(member: _Member, kind: str, level: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:

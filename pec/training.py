@@ -64,6 +64,7 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
 
 def _train(config: TrainConfig) -> dict[str, Any]:
     device = _device(config.device)
+    data = data_version(config.dataset.path)
     dataset = load_dataset(
         config.dataset.path,
         config.dataset.classes,
@@ -86,7 +87,7 @@ def _train(config: TrainConfig) -> dict[str, Any]:
         progress=config.progress,
     )
     training, selection, test = (prepared.subset(part).to(device) for part in parts)
-    run = _Run(config, dataset.classes, device)
+    run = _Run(config, dataset.classes, data, device)
     run.fit(training, selection)
     counts = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
     return {**run.results(training, selection, test), "n_samples": counts}
@@ -126,8 +127,8 @@ def log_class_shares(labels: torch.Tensor, n_classes: int) -> torch.Tensor:
 class _Run:
     """Model, optimizer and progress of one run, kept in step with OUTPUT/last."""
 
-    def __init__(self, config: TrainConfig, classes: list[str], device: torch.device) -> None:
-        self.config, self.classes, self.device = config, classes, device
+    def __init__(self, config: TrainConfig, classes: list[str], data: str, device: torch.device) -> None:
+        self.config, self.classes, self.data, self.device = config, classes, data, device
         self.output = Path(config.output)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
@@ -202,7 +203,7 @@ class _Run:
             "threads": self.config.threads,
             "checkpoint": str(self.output / "best"),
             "config": self.config.decisive(),
-            "data": data_version(self.config.dataset.path),
+            "data": self.data,
             **report(self.output, self.config, training, selection, test),
             "curves": self.history,
         }
@@ -292,7 +293,7 @@ class _Run:
             "history": self.history,
             "classes": self.classes,
             "config": self.config.decisive(),
-            "data": data_version(self.config.dataset.path),
+            "data": self.data,
         }
         write_checkpoint(self.output / "last", self._checkpoint(self.epoch), TrainingState(moments, progress))
 
@@ -300,7 +301,7 @@ class _Run:
         state = read_training_state(self.output / "last")
         if state is None:
             return
-        _check_same(self.config, state.progress, self.output)
+        _check_same(self.config, self.data, state.progress)
         if state.progress["classes"] != self.classes:
             raise ConfigError(f"output {self.output} holds a run with classes {state.progress['classes']}")
         self.model.load_state_dict(read_checkpoint(self.output / "last").model.state_dict())
@@ -320,16 +321,16 @@ def _finished(output: Path, config: TrainConfig) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     results = json.loads(path.read_text())
-    _check_same(config, results, output)
+    _check_same(config, data_version(config.dataset.path), results)
     return results
 
 
-def _check_same(config: TrainConfig, earlier: dict[str, Any], output: Path) -> None:
-    """ConfigError where `earlier`, with its "config" and "data", had other settings or other data than `config` has."""
+def _check_same(config: TrainConfig, data: str, earlier: dict[str, Any]) -> None:
+    """ConfigError where `earlier`, with its "config" and "data", had other settings, or data of another version."""
     # Through JSON, as the earlier one went: tuples become lists.
     now = _flat(json.loads(json.dumps(config.decisive())))
     before = _flat(earlier["config"])
-    data, recorded = data_version(config.dataset.path), earlier.get("data")  # None: by an older version
+    recorded = earlier.get("data")  # an older version of this package wrote none
     if data == recorded:
         before["dataset.path"] = config.dataset.path  # wherever they lie
     changed = [name for name in sorted(now | before) if now.get(name) != before.get(name)]
@@ -340,7 +341,7 @@ def _check_same(config: TrainConfig, earlier: dict[str, Any], output: Path) -> N
         difference = f"other data: {config.dataset.path} has changed since"
     else:
         return
-    raise ConfigError(f"output {output} holds a run with {difference}: choose another output, or delete it")
+    raise ConfigError(f"output {config.output} holds a run with {difference}: choose another output, or delete it")
 
 
 def _flat(settings: dict[str, Any], where: str = "") -> dict[str, Any]:

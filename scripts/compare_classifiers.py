@@ -14,7 +14,8 @@ from pec.errors import CheckpointError, ConfigError, DatasetError
 @hydra.main(version_base="1.3", config_path="../conf", config_name="compare_classifiers")
 def main(cfg: DictConfig) -> None:
     try:
-        comparison = compare_classifiers(list(cfg.runs), data=cfg.data, progress=cfg.progress)
+        runs = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs)
+        comparison = compare_classifiers(runs, data=cfg.data, seed=cfg.seed, progress=cfg.progress)
     except (CheckpointError, ConfigError, DatasetError) as error:
         sys.exit(f"compare_classifiers: {error}")
     table = comparison_table(comparison)

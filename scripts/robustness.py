@@ -14,7 +14,8 @@ from pec.robustness import measure_robustness, robustness_table
 @hydra.main(version_base="1.3", config_path="../conf", config_name="robustness")
 def main(cfg: DictConfig) -> None:
     try:
-        rows = measure_robustness(list(cfg.runs), data=cfg.data, seed=cfg.seed, progress=cfg.progress)
+        runs = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs)
+        rows = measure_robustness(runs, data=cfg.data, seed=cfg.seed, progress=cfg.progress)
     except (CheckpointError, ConfigError, DatasetError) as error:
         sys.exit(f"robustness: {error}")
     table = robustness_table(rows)

@@ -6,10 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pec import Classifier
+from pec.clouds import load_dataset
 from pec.comparison import compare_classifiers, comparison_table
 from pec.errors import ConfigError, DatasetError
+from pec.finished import read_finished
 from pec.proportions import mcnemar, wilson_interval
 from pec.training import train
 
@@ -19,18 +23,20 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def runs(shapes, tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
-    other = shutil.copytree(shapes, folder / "other")
-    manifest = json.loads((other / "manifest.json").read_text())
-    (other / "manifest.json").write_text(json.dumps(manifest | {"seed": 1}))
-    for name, model, data, epochs in (
-        ("knn", "knn", shapes, 1),
-        ("hasty", "pec", shapes, 1),
-        ("trained", "pec", shapes, 12),
-        ("elsewhere", "knn", other, 1),
+    shutil.copytree(shapes, folder / "other")
+    manifest = json.loads((folder / "other" / "manifest.json").read_text())
+    (folder / "other" / "manifest.json").write_text(json.dumps(manifest | {"seed": 1}))
+    for name, model, epochs, dataset, selection in (
+        ("knn", "knn", 1, {}, "validation"),
+        ("hasty", "pec", 1, {}, "validation"),
+        ("trained", "pec", 12, {}, "evaluation split"),
+        ("elsewhere", "knn", 1, {"path": str(folder / "other")}, "validation"),
+        ("damaged", "knn", 1, {"removed": 0.4}, "validation"),
+        ("two_classes", "pec", 1, {"classes": ["plate", "rod"]}, "validation"),
     ):
-        settings = {"dataset": {"path": str(data)}, "augment": {}, "model": {"name": model}, "progress": False}
-        settings |= {"protocol": {"epochs": epochs, "batch_size": 16}, "output": str(folder / name)}
-        train(settings)
+        settings = {"dataset": {"path": str(shapes)} | dataset, "augment": {}, "model": {"name": model}}
+        settings |= {"protocol": {"epochs": epochs, "batch_size": 16, "selection": selection}, "progress": False}
+        train(settings | {"output": str(folder / name)})
     return folder
 
 
@@ -44,6 +50,8 @@ def test_accuracies_are_those_of_the_runs_and_pairs_add_up(runs):
         counts.append(round(reported * comparison["n_test"]))
         assert row["interval"] == list(wilson_interval(counts[-1], comparison["n_test"]))
     assert counts[1] < counts[2]
+    assert [row["protocol"] for row in comparison["runs"]] == ["honest", "honest", "published"]
+    assert comparison["n_objects"] == 6
     assert [(Path(pair["first"]).name, Path(pair["second"]).name) for pair in comparison["pairs"]] == [
         ("knn", "hasty"),
         ("knn", "trained"),
@@ -54,26 +62,65 @@ def test_accuracies_are_those_of_the_runs_and_pairs_add_up(runs):
         assert pair["p"] == mcnemar(pair["only_first"], pair["only_second"])
 
 
-def test_missed_clouds_are_those_that_half_of_the_runs_get_wrong(runs):
-    alone = compare_classifiers([runs / "hasty"])
-    n_wrong = round((1 - alone["runs"][0]["accuracy"]) * alone["n_test"])
-    assert n_wrong > 0
-    assert len(alone["missed"]) == n_wrong
-    assert alone["together"] == pytest.approx(alone["runs"][0]["accuracy"])
-    assert all(cloud["taken_for"] != cloud["class"] and cloud["missed_by"] == 1 for cloud in alone["missed"])
+def test_together_they_answer_by_the_mean_of_what_they_would_answer_alone(runs, shapes):
+    names = ["hasty", "trained"]
+    test, dataset = read_finished(runs / "hasty").test, load_dataset(shapes)
+    clouds = [dataset.cloud(place) for place in test.stored]
+    of_runs = [Classifier.load(runs / name / "best").predict(clouds) for name in names]
+    answers = np.array([[list(answer.probabilities.values()) for answer in predictions] for predictions in of_runs])
+    comparison = compare_classifiers([runs / name for name in names])
+    expected = (answers.mean(axis=0).argmax(axis=1) == test.labels).mean()
+    assert comparison["together"] == pytest.approx(expected)
 
-    three = compare_classifiers([runs / "hasty", runs / "hasty", runs / "knn"])
-    assert {cloud["cloud"] for cloud in three["missed"]} == {cloud["cloud"] for cloud in alone["missed"]}
-    assert [cloud["missed_by"] for cloud in three["missed"]] == sorted(
-        (cloud["missed_by"] for cloud in three["missed"]), reverse=True
-    )
+    # Of two runs, half is one.
+    taken_for = answers.argmax(axis=2)
+    wrong = (taken_for != test.labels).sum(axis=0)
+    assert {(cloud["cloud"], cloud["missed_by"]) for cloud in comparison["missed"]} == {
+        (place, n) for place, n in zip(test.stored, wrong, strict=True) if n
+    }
+    assert 1 in wrong
+    for cloud in comparison["missed"]:
+        answered = taken_for[:, test.stored.tolist().index(cloud["cloud"])]
+        assert cloud["taken_for"] in {test.classes[label] for label in answered} - {cloud["class"]}
+        assert cloud["class"] == dataset.classes[dataset.labels[cloud["cloud"]]]
 
 
-def test_runs_of_other_clouds_are_not_compared(runs, shapes, tmp_path):
-    with pytest.raises(DatasetError, match=r"elsewhere was tested on other clouds than .*knn"):
-        compare_classifiers([runs / "knn", runs / "elsewhere"])
+def test_most_missed_come_first_and_a_minority_does_not_count(runs):
+    alone = {cloud["cloud"] for cloud in compare_classifiers([runs / "hasty"])["missed"]}
+    three = compare_classifiers([runs / "hasty", runs / "hasty", runs / "knn"])["missed"]
+    assert {cloud["cloud"] for cloud in three} == alone
+    assert [cloud["missed_by"] for cloud in three] == sorted((cloud["missed_by"] for cloud in three), reverse=True)
+    minority = compare_classifiers([runs / "hasty", runs / "knn", runs / "knn"])["missed"]
+    assert {cloud["cloud"] for cloud in minority} == {
+        cloud["cloud"] for cloud in compare_classifiers([runs / "knn"])["missed"]
+    }
+
+
+def test_clouds_are_named_by_their_place_in_the_stored_set(runs, shapes):
+    dataset = load_dataset(shapes)
+    missed = compare_classifiers([runs / "two_classes"])["missed"]
+    assert missed
+    assert all(dataset.classes[dataset.labels[cloud["cloud"]]] == cloud["class"] for cloud in missed)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("elsewhere", r"elsewhere was tested on other clouds than .*knn"),
+        ("damaged", r"damaged has another dataset\.removed than .*knn"),
+        ("two_classes", r"two_classes knows other classes than .*knn"),
+    ],
+)
+def test_runs_of_other_clouds_are_not_compared(name, message, runs):
+    with pytest.raises(DatasetError, match=message):
+        compare_classifiers([runs / "knn", runs / name])
+
+
+def test_runs_know_their_data_wherever_they_lie(runs, shapes, tmp_path):
     moved = shutil.copytree(shapes, tmp_path / "moved")
     assert compare_classifiers([runs / "knn"], data=str(moved)) == compare_classifiers([runs / "knn"])
+    with pytest.raises(DatasetError, match=r"knn was trained on other data than .*other holds now"):
+        compare_classifiers([runs / "knn"], data=str(runs / "other"))
     with pytest.raises(ConfigError, match="runs names no folder"):
         compare_classifiers([])
 
@@ -96,6 +143,6 @@ def test_script_prints_the_table_and_leaves_the_numbers(runs, tmp_path):
     assert lines[2].endswith("– | – | –")
     assert lines[3].endswith(f"{pair['only_second']} | {pair['only_first']} | {pair['p']:.3g}")
     missed = comparison["missed"]
-    assert f"{len(missed)} are missed by half of them or more" in done.stdout
+    assert f"{len(missed)} clouds are missed by half of the runs or more" in done.stdout
     by_class = [line for line in lines if line.count(" | ") == 3][2:]
     assert sum(int(line.split(" | ")[1]) for line in by_class) == len(missed)

@@ -156,7 +156,7 @@ def test_rows_are_the_runs_by_their_own_test_split(runs):
 
 
 def test_script_prints_the_table_and_leaves_the_numbers(runs, shapes, tmp_path):
-    command = [sys.executable, str(ROOT / "scripts" / "robustness.py"), f"runs=[{runs / 'knn_0'}]", "progress=false"]
+    command = [sys.executable, str(ROOT / "scripts" / "robustness.py"), f"runs={runs / 'knn_0'}", "progress=false"]
     done = subprocess.run(
         [*command, f"data={shapes}", f"output={tmp_path}"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -167,4 +167,7 @@ def test_script_prints_the_table_and_leaves_the_numbers(runs, shapes, tmp_path):
 
 def test_folder_without_a_finished_run_is_an_error(tmp_path):
     with pytest.raises(CheckpointError, match="holds no finished training run"):
+        measure_robustness([tmp_path])
+    (tmp_path / "results.json").write_text('{"rows": []}')  # a table's
+    with pytest.raises(CheckpointError, match="something else than a training run"):
         measure_robustness([tmp_path])

@@ -118,7 +118,14 @@ def test_killed_run_ends_in_the_same_weights(run, shapes, tmp_path):
     done = _epochs_done(tmp_path)
     assert 3 <= done <= 15
     assert not (tmp_path / "results.json").exists()
-    train(settings)
+    # It goes on where its data have moved, and not where they are others.
+    moved = shutil.copytree(shapes, tmp_path / "moved")
+    manifest = (moved / "manifest.json").read_text()
+    (moved / "manifest.json").write_text(json.dumps(json.loads(manifest) | {"seed": 5}))
+    with pytest.raises(ConfigError, match=r"dataset\.path=.*, not .*moved"):
+        train(_settings(moved, tmp_path))
+    (moved / "manifest.json").write_text(manifest)
+    train(_settings(moved, tmp_path))
     _assert_equal_weights(output, tmp_path)
 
 
