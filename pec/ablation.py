@@ -54,7 +54,7 @@ def run_cell(settings: Mapping[str, Any]) -> dict[str, Any]:
     directory = Path(settings["folder"]) / "cells" / key
     if (directory / "results.json").is_file():
         earlier = json.loads((directory / "cell.json").read_text())
-        if earlier["status"] == "done":
+        if earlier["status"] == "done":  # and stays so at every moment, for tables that are written meanwhile
             return {"key": key, **earlier}
     directory.mkdir(parents=True, exist_ok=True)
     cell = {

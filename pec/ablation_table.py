@@ -14,9 +14,10 @@ from typing import Any
 
 from pec.ablation import code_version, read_cells
 from pec.charts import chart
+from pec.config import flat_settings
 from pec.proportions import wilson_interval
 
-__all__ = ["Row", "order_name", "read_rows", "write_table"]
+__all__ = ["Row", "order_name", "protocol_name", "read_rows", "write_table"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Row:
 
     @property
     def protocol(self) -> str:
-        return "honest" if self.settings["protocol"]["selection"] == "validation" else "published"
+        return protocol_name(self.settings["protocol"])
 
     @property
     def precision(self) -> str:
@@ -62,6 +63,11 @@ class Row:
         for name in path:
             found = [value[name] for value in found]
         return found
+
+
+def protocol_name(protocol: Mapping[str, Any]) -> str:
+    """ "honest" or "published", of `ProtocolConfig` as a mapping."""
+    return "honest" if protocol["selection"] == "validation" else "published"
 
 
 def order_name(preprocess: Mapping[str, Any]) -> str:
@@ -300,22 +306,15 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
 def _differing(rows: Sequence[Row]) -> list[str]:
     """Names of settings that are not the same in all rows and that no column says."""
     said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs", "protocol.precision")
-    flat = [_flat(row.settings) for row in rows]
+    flat = [flat_settings(row.settings) for row in rows]
     names = sorted({name for settings in flat for name in settings if not name.startswith(said)})
     return [name for name in names if len({str(settings.get(name)) for settings in flat}) > 1]
 
 
 def _others(row: Row, differing: Sequence[str]) -> str:
     """The `differing` settings of a row; one that it does not name has its default."""
-    flat = _flat(row.settings)
+    flat = flat_settings(row.settings)
     return ", ".join(f"{name}={flat[name]}" for name in differing if name in flat)
-
-
-def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        flat.update(_flat(value, f"{where}{name}.") if isinstance(value, Mapping) else {where + name: value})
-    return flat
 
 
 def _wilson(row: Row) -> tuple[float, float]:

@@ -13,8 +13,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from pec.ablation_table import order_name
-from pec.clouds import CloudDataset
+from pec.ablation_table import order_name, protocol_name
 from pec.errors import ConfigError, DatasetError
 from pec.evaluation import average_views, predict_log_probabilities
 from pec.finished import FinishedRun, read_finished
@@ -44,33 +43,36 @@ def compare_classifiers(
     if not runs:
         raise ConfigError("runs names no folder")
     first: FinishedRun | None = None
-    rows, answers = [], []
+    rows, of_runs = [], []
     with torch_threads(1):
         for folder in tqdm(runs, desc="runs", unit="run", disable=not progress):
             run = read_finished(Path(folder), data)
             first = first or run
-            _check_alike(run, first, f"{folder}", f"{runs[0]}")
-            answers.append(_answers(run, seed))
-            rows.append(_row(f"{folder}", run))
+            difference = _difference(run, first)
+            if difference:
+                raise DatasetError(f"{folder} {difference} than {runs[0]}")
+            of_runs.append(_answers(run, seed))
+            rows.append(_row(folder, run))
     assert first is not None
     labels = torch.from_numpy(first.test.labels)
-    predicted = torch.stack(answers).argmax(dim=2)
+    answers = torch.stack(of_runs)
+    predicted = answers.argmax(dim=2)
     right = predicted == labels
     for row, hits in zip(rows, right, strict=True):
         count = int(hits.sum())
         row |= {"accuracy": count / len(labels), "interval": list(wilson_interval(count, len(labels)))}
-    together = average_views(torch.stack(answers)).argmax(dim=1) == labels
+    together = average_views(answers).argmax(dim=1) == labels
     return {
         "n_test": len(labels),
         "n_objects": len(np.unique(first.test.instances)),
         "runs": rows,
         "pairs": [
-            _pair(f"{runs[i]}", f"{runs[j]}", right[i], right[j])
+            _pair(str(runs[i]), str(runs[j]), right[i], right[j])
             for i in range(len(runs))
             for j in range(i + 1, len(runs))
         ],
         "together": together.double().mean().item(),
-        "missed": _missed(first.test, predicted, right),
+        "missed": _missed(first, predicted, right),
     }
 
 
@@ -109,20 +111,16 @@ def comparison_table(comparison: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _check_alike(run: FinishedRun, first: FinishedRun, folder: str, first_folder: str) -> None:
+def _difference(run: FinishedRun, first: FinishedRun) -> str | None:
+    """What keeps the runs from being compared."""
     for name, of_run, of_first in (
         ("knows other classes", run.checkpoint.classes, first.checkpoint.classes),
         ("has another dataset.removed", run.config.dataset.removed, first.config.dataset.removed),
-        ("was tested on other clouds", (run.data, _stored(run)), (first.data, _stored(first))),
+        ("was tested on other clouds", (run.data, run.places), (first.data, first.places)),
     ):
         if of_run != of_first:
-            raise DatasetError(f"{folder} {name} than {first_folder}")
-
-
-def _stored(run: FinishedRun) -> list[int]:
-    assert run.test.stored is not None
-    places: list[int] = run.test.stored.tolist()
-    return places
+            return name
+    return None
 
 
 def _answers(run: FinishedRun, seed: int) -> torch.Tensor:
@@ -133,14 +131,14 @@ def _answers(run: FinishedRun, seed: int) -> torch.Tensor:
     return (answers / checkpoint.temperature).log_softmax(dim=1)
 
 
-def _row(folder: str, run: FinishedRun) -> dict[str, Any]:
+def _row(folder: str | os.PathLike[str], run: FinishedRun) -> dict[str, Any]:
     preprocess = run.checkpoint.preprocess
     return {
-        "run": folder,
+        "run": str(folder),
         "network": run.checkpoint.network,
         "points": preprocess.n_points,
         "order": order_name(asdict(preprocess)),
-        "protocol": "honest" if run.config.protocol.selection == "validation" else "published",
+        "protocol": protocol_name(asdict(run.config.protocol)),
         "seed": run.config.seed,
     }
 
@@ -156,8 +154,8 @@ def _pair(first: str, second: str, right_first: torch.Tensor, right_second: torc
     }
 
 
-def _missed(test: CloudDataset, predicted: torch.Tensor, right: torch.Tensor) -> list[dict[str, Any]]:
-    assert test.stored is not None
+def _missed(run: FinishedRun, predicted: torch.Tensor, right: torch.Tensor) -> list[dict[str, Any]]:
+    test = run.test
     missed_by = (~right).sum(dim=0).tolist()
     clouds = []
     for place in sorted(range(len(test)), key=lambda place: -missed_by[place]):
@@ -166,7 +164,7 @@ def _missed(test: CloudDataset, predicted: torch.Tensor, right: torch.Tensor) ->
         wrong = predicted[~right[:, place], place].tolist()
         clouds.append(
             {
-                "cloud": int(test.stored[place]),
+                "cloud": run.places[place],
                 "class": test.classes[test.labels[place]],
                 "taken_for": test.classes[Counter(wrong).most_common(1)[0][0]],
                 "missed_by": missed_by[place],

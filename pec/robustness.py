@@ -92,8 +92,7 @@ def _member(run: Path, data: str | None) -> _Member:
     finished = read_finished(run, data)
     config, checkpoint, test = finished.config, finished.checkpoint, finished.test
     preprocess = checkpoint.preprocess
-    assert test.stored is not None
-    sampling = [finished.data, config.dataset.size, test.stored.tolist()]
+    sampling: list[Any] = [finished.data, config.dataset.size, finished.places]
     sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.sampling, preprocess.start]
     decisive = config.decisive()
     del decisive["seed"], decisive["dataset"]["path"]

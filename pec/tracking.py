@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,7 +12,7 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from pec.checkpoint import Checkpoint
-from pec.config import TrainConfig
+from pec.config import TrainConfig, flat_settings
 from pec.evaluation import Scores
 from pec.prepared import PreparedClouds
 
@@ -79,7 +78,10 @@ class Tracker:
 
     def settings(self, config: TrainConfig, costs: Mapping[str, float], metrics: Mapping[str, float]) -> None:
         """The settings and the costs as hyper-parameters beside what came of them."""
-        values = {**_flat(config.decisive()), **costs}
+        settings = flat_settings(config.decisive())
+        # Lists and None as text: TensorBoard takes plain values only.
+        plain = {name: v if isinstance(v, bool | int | float | str) else str(v) for name, v in settings.items()}
+        values = {**plain, **costs}
         # Into this run itself: SummaryWriter.add_hparams makes a run of its own, apart from the curves.
         for summary in hparams(values, dict(metrics)):
             self._writer._get_file_writer().add_summary(summary)
@@ -92,14 +94,3 @@ def confusion_image(confusion: list[list[int]], cell: int = 32) -> np.ndarray:
     counts = np.array(confusion, float)
     share = counts / counts.sum(axis=1, keepdims=True).clip(min=1)
     return np.kron(np.round(255 * share), np.ones((cell, cell))).astype(np.uint8)
-
-
-def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    """What TensorBoard takes: names and plain values; lists and None as text."""
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        if isinstance(value, Mapping):
-            flat.update(_flat(value, f"{where}{name}."))
-        else:
-            flat[where + name] = value if isinstance(value, bool | int | float | str) else str(value)
-    return flat

@@ -14,23 +14,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
 
 from pec.augment import augment
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
-from pec.clouds import CloudDataset, data_version, load_dataset
-from pec.config import DatasetConfig, TrainConfig, read_config
+from pec.clouds import data_version, load_dataset
+from pec.config import TrainConfig, read_config
+from pec.division import split
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.evaluation import arrange_views, log_probabilities, score
+from pec.finished import check_same, finished_results
 from pec.initialise import scale_initial_weights
 from pec.models import build_model
 from pec.prepared import PreparedClouds, prepare
 from pec.report import report
 from pec.rivals import NearestNeighbours, PointNet
-from pec.splits import divide, split_by_instance, split_by_sample
 from pec.threads import torch_threads
 from pec.tracking import Tracker
 
@@ -49,7 +49,7 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     """
     config = read_config(cfg)
     output = Path(config.output)
-    finished = _finished(output, config)
+    finished = finished_results(config)
     if finished is not None:
         return finished
     torch.set_flush_denormal(True)  # weights that decay towards zero otherwise slow a CPU down many times
@@ -91,32 +91,6 @@ def _train(config: TrainConfig) -> dict[str, Any]:
     run.fit(training, selection)
     counts = {name: len(part) for name, part in zip(("train", "selection", "test"), parts, strict=True)}
     return {**run.results(training, selection, test), "n_samples": counts}
-
-
-def split(
-    dataset: CloudDataset, settings: DatasetConfig, selection: str, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Indices (train, selection, test). Published protocol: selection and test are one and the same split.
-
-    Test is the one that the data set stores, equal for every seed, where it stores one of this fraction.
-    """
-    rng = np.random.default_rng((seed, 0x5911))
-    if settings.split == "official":
-        if dataset.official_test is None:
-            raise DatasetError(f"{settings.path} has no official split; use dataset.split=sample or instance")
-        rest, test = np.flatnonzero(~dataset.official_test), np.flatnonzero(dataset.official_test)
-    else:
-        rest, test = divide(dataset, settings.split, settings.train_fraction, rng)
-    if selection == "evaluation split":
-        return rest, test, test
-    # Instances kept apart from test are too few to be cut again where a class has only two of them.
-    enough = settings.split == "instance" and all(
-        len(np.unique(dataset.instances[rest][dataset.labels[rest] == label])) > 2
-        for label in range(len(dataset.classes))
-    )
-    cut = split_by_instance if enough else split_by_sample
-    training, validation = cut(dataset, 1 - settings.validation_fraction, rng, rest)
-    return training, validation, test
 
 
 def log_class_shares(labels: torch.Tensor, n_classes: int) -> torch.Tensor:
@@ -301,7 +275,7 @@ class _Run:
         state = read_training_state(self.output / "last")
         if state is None:
             return
-        _check_same(self.config, self.data, state.progress)
+        check_same(self.config, self.data, state.progress)
         if state.progress["classes"] != self.classes:
             raise ConfigError(f"output {self.output} holds a run with classes {state.progress['classes']}")
         self.model.load_state_dict(read_checkpoint(self.output / "last").model.state_dict())
@@ -313,42 +287,6 @@ class _Run:
             }
         self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
         self.best, self.history = state.progress["best"], state.progress["history"]
-
-
-def _finished(output: Path, config: TrainConfig) -> dict[str, Any] | None:
-    """The results of an earlier, finished run with these settings; ConfigError where it had others."""
-    path = output / "results.json"
-    if not path.is_file():
-        return None
-    results = json.loads(path.read_text())
-    _check_same(config, data_version(config.dataset.path), results)
-    return results
-
-
-def _check_same(config: TrainConfig, data: str, earlier: dict[str, Any]) -> None:
-    """ConfigError where `earlier`, with its "config" and "data", had other settings, or data of another version."""
-    # Through JSON, as the earlier one went: tuples become lists.
-    now = _flat(json.loads(json.dumps(config.decisive())))
-    before = _flat(earlier["config"])
-    recorded = earlier.get("data")  # an older version of this package wrote none
-    if data == recorded:
-        before["dataset.path"] = config.dataset.path  # wherever they lie
-    changed = [name for name in sorted(now | before) if now.get(name) != before.get(name)]
-    if changed:
-        name = changed[0]
-        difference = f"{name}={before.get(name)!r}, not {now.get(name)!r}"
-    elif recorded and data not in ("missing", recorded):  # what is done stays so without its data
-        difference = f"other data: {config.dataset.path} has changed since"
-    else:
-        return
-    raise ConfigError(f"output {config.output} holds a run with {difference}: choose another output, or delete it")
-
-
-def _flat(settings: dict[str, Any], where: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        flat.update(_flat(value, f"{where}{name}.") if isinstance(value, dict) else {where + name: value})
-    return flat
 
 
 def _device(name: str) -> torch.device:

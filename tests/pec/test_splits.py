@@ -119,7 +119,7 @@ def test_broken_splits_are_named(shapes, tmp_path, content, message):
 
 def test_training_tests_on_the_stored_split_whatever_its_seed(shapes, tmp_path):
     from pec.config import DatasetConfig
-    from pec.training import split
+    from pec.division import split
 
     directory = shutil.copytree(shapes, tmp_path / "data")
     write_splits(directory, load_dataset(directory), 5)

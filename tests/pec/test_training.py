@@ -17,9 +17,10 @@ from safetensors.torch import load_file
 from pec.checkpoint import read_checkpoint, read_training_state
 from pec.clouds import load_dataset
 from pec.config import read_config
+from pec.division import split
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.threads import torch_threads
-from pec.training import log_class_shares, split, train
+from pec.training import log_class_shares, train
 
 
 def _settings(shapes: Path, output: Path, **changes) -> dict:

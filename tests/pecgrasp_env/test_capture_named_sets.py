@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 
 from pec.clouds import load_dataset
 from pec.config import DatasetConfig
+from pec.division import split
 from pec.errors import DatasetError
 from pec.shards import read_manifest, read_shard
-from pec.training import split
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, generate
 from pecgrasp_env.capture.surface import poisson_disk
 from pecgrasp_env.capture.workers import open_source
