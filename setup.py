@@ -1,5 +1,7 @@
 """The one thing that pyproject.toml cannot say: how to compile the kernels, and that they may be left out."""
 
+from glob import glob
+
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
@@ -15,20 +17,17 @@ class BuildKernels(build_ext):
         super().build_extensions()
 
 
-SOURCES = {
-    "grasping": ["_kernels.c", "_sort.c", "_views.c", "_scan.c", "_contacts.c", "_ranking.c", "_survey.c"],
-    "pec": ["_kernels.c", "_sampling.c", "_ordering.c"],
-}
+FOLDERS = ("grasping/curvature_planner", "pec/preprocessing")
 
 setup(
     cmdclass={"build_ext": BuildKernels},
     ext_modules=[
         Extension(
-            f"{package}._kernels",
-            [f"{package}/{name}" for name in names],
-            depends=[f"{package}/_kernels.h"],
+            f"{folder.replace('/', '.')}._kernels",
+            sorted(glob(f"{folder}/csrc/*.c")),
+            depends=glob(f"{folder}/csrc/*.h"),
             optional=True,  # without a compiler the package still installs, and does the same without them
         )
-        for package, names in SOURCES.items()
+        for folder in FOLDERS
     ],
 )

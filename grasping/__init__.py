@@ -10,31 +10,31 @@ same with NumPy alone, more slowly.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from grasping.curvature_planner.compiled_backend import AVAILABLE as compiled
+from grasping.curvature_planner.planner import CurvaturePlanner
 from grasping.errors import CloudError, ConfigError
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.kernels import AVAILABLE as compiled
-from grasping.planner import CurvaturePlanner
 
 if TYPE_CHECKING:
-    from grasping.fusion import Fused, FusedView, fuse
-    from grasping.published import PublishedPlanner
-    from grasping.rivals import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
-    from grasping.scene import Rejected, Scene, Segmenter
+    from grasping.baselines import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
+    from grasping.baselines.published.planner import PublishedPlanner
+    from grasping.fusion.fuse import Fused, FusedView, fuse
+    from grasping.segmentation.segmenter import Rejected, Scene, Segmenter
     from grasping.selective import Selection, SelectiveGrasper
 
 # These load SciPy, which takes longer than all else here: on their first use.
 _LATER = {
-    "Fused": "fusion",
-    "FusedView": "fusion",
-    "fuse": "fusion",
-    "PublishedPlanner": "published",
-    "CentroidPlanner": "rivals",
-    "GeoGraspPlanner": "rivals",
-    "SinglePrimitivePlanner": "rivals",
-    "Rejected": "scene",
-    "Scene": "scene",
-    "Segmenter": "scene",
+    "Fused": "fusion.fuse",
+    "FusedView": "fusion.fuse",
+    "fuse": "fusion.fuse",
+    "PublishedPlanner": "baselines.published.planner",
+    "CentroidPlanner": "baselines",
+    "GeoGraspPlanner": "baselines",
+    "SinglePrimitivePlanner": "baselines",
+    "Rejected": "segmentation.frame",
+    "Scene": "segmentation.frame",
+    "Segmenter": "segmentation.segmenter",
     "Selection": "selective",
     "SelectiveGrasper": "selective",
 }

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import ConfigError
 from grasping.grasp import GraspPlan
-from grasping.scene import Scene, Segmenter
+from grasping.segmentation.segmenter import Scene, Segmenter
 
 FloatArray = NDArray[np.float64]
 Classify = Callable[[FloatArray], tuple[str, float]]

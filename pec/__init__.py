@@ -5,7 +5,7 @@ same, more slowly.
 """
 
 from pec.classifier import Classifier, Prediction
-from pec.kernels import AVAILABLE as compiled
-from pec.network import PEC
+from pec.networks.pec import PEC
+from pec.preprocessing.compiled import AVAILABLE as compiled
 
 __all__ = ["PEC", "Classifier", "Prediction", "compiled"]

@@ -26,8 +26,8 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from pec.errors import CheckpointError, ConfigError
-from pec.models import MODELS, build_model
-from pec.preprocess import Preprocess
+from pec.networks.registry import MODELS, build_model
+from pec.preprocessing.preprocess import Preprocess
 
 __all__ = ["Checkpoint", "TrainingState", "read_checkpoint", "read_training_state", "write_checkpoint"]
 
@@ -44,7 +44,7 @@ class Checkpoint:
     temperature: float
     epoch: int
     network: str = "pec"
-    """Its name in `pec.models.MODELS`."""
+    """Its name in `pec.networks.registry.MODELS`."""
     unknown_below: float = 0.0
     """Confidence below which an object is of no known class; 0: everything is of one."""
 

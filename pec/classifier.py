@@ -13,7 +13,7 @@ import torch
 
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.errors import CheckpointError, CloudError, ConfigError
-from pec.models import fast_forward
+from pec.networks.registry import fast_forward
 from pec.threads import torch_threads
 
 __all__ = ["UNKNOWN", "Classifier", "Prediction"]
@@ -54,7 +54,7 @@ class Classifier:
 
         seed: of the random start of farthest point sampling, in the published preprocessing only. unknown_below: the
         confidence below which a cloud is UNKNOWN, 0 for never; where not given the checkpoint's, which rejects one in a
-        hundred clouds of known objects (`pec.evaluation.rejection_threshold`).
+        hundred clouds of known objects (`pec.metrics.rejection_threshold`).
         Raises CheckpointError where it is missing, broken, or of other classes, ConfigError where unknown_below is no
         confidence.
         """
@@ -125,7 +125,7 @@ class Classifier:
 def _probabilities(logits: list[list[float]], temperature: float) -> list[float]:
     """The tempered mean of the probabilities over the views, from the logits (V, C) of one cloud; sum 1.
 
-    As `pec.evaluation.average_views` and a softmax; for so few numbers plain arithmetic is the quickest.
+    As `pec.metrics.average_views` and a softmax; for so few numbers plain arithmetic is the quickest.
     """
     mean = [0.0] * len(logits[0])
     for view in logits:

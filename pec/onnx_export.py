@@ -3,8 +3,8 @@
 The file takes `points` (batch, n_points, 3) float32 and gives `logits` (batch, n_classes). It holds the network only.
 What comes before and after is in its metadata, JSON each:
 
-preprocess     how a raw cloud becomes `points`: the settings of `pec.preprocess.Preprocess`. A pose "principal" gives
-               the network a cloud in its four equally valid poses.
+preprocess     how a raw cloud becomes `points`: the settings of `pec.preprocessing.preprocess.Preprocess`.
+               A pose "principal" gives the network a cloud in its four equally valid poses.
 classes        names, in the order of the logits
 temperature    with the poses v of one cloud: p = softmax(log(mean over v of softmax(logits_v)) / temperature)
 unknown_below  where the greatest p is less, the cloud is of no known class
@@ -21,7 +21,7 @@ import torch
 
 from pec.checkpoint import Checkpoint
 from pec.errors import ConfigError
-from pec.rivals import NearestNeighbours
+from pec.networks.baselines import NearestNeighbours
 
 __all__ = ["export_onnx"]
 

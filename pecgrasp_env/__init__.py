@@ -10,47 +10,22 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS, register
+
 if TYPE_CHECKING:
-    from pecgrasp_env.policy import ScriptedPolicy
+    from pecgrasp_env.policy.scripted import ScriptedPolicy
 
 __all__ = ["MAX_EPISODE_STEPS", "ScriptedPolicy"]
-
-MAX_EPISODE_STEPS = 400
-
-
-def _register() -> None:
-    import gymnasium
-    from gymnasium.envs.registration import WrapperSpec
-
-    # As ManiSkill's own `register_env` does, but by name, so that nothing heavy is imported before `make`.
-    gymnasium.register(
-        "SelectiveGrasp-v1",
-        entry_point="pecgrasp_env.selective_grasp:SelectiveGraspEnv",
-        max_episode_steps=MAX_EPISODE_STEPS,
-        disable_env_checker=True,  # batched tensors; `check_env` is for the unbatched form
-        additional_wrappers=(
-            WrapperSpec(
-                "MSTimeLimit",
-                "mani_skill.utils.registration:TimeLimitWrapper",
-                {"max_episode_steps": MAX_EPISODE_STEPS},
-            ),
-        ),
-    )
-    gymnasium.register(
-        "SelectiveGraspSingle-v1",
-        entry_point="pecgrasp_env.single:SelectiveGraspSingleEnv",
-        max_episode_steps=MAX_EPISODE_STEPS,
-    )
 
 
 # Parts of the package work without the simulation's extras (`pip install .[sim]`).
 if find_spec("gymnasium") is not None:
-    _register()
+    register()
 
 
 def __getattr__(name: str) -> Any:
     if name == "ScriptedPolicy":
-        from pecgrasp_env.policy import ScriptedPolicy
+        from pecgrasp_env.policy.scripted import ScriptedPolicy
 
         return ScriptedPolicy
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

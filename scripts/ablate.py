@@ -6,7 +6,7 @@ The same command skips the cells that are done. Hydra's launchers spread them: s
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from pec.ablation import run_cell
+from pec.experiments.grid import run_cell
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="ablate")

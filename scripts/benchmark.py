@@ -13,7 +13,7 @@ def main(cfg: DictConfig) -> None:
     # Libraries read these when they are loaded. The renderer's threads are left as a user has them.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from pecgrasp_env.benchmark import run_benchmark
+    from pecgrasp_env.benchmark.run import run_benchmark
 
     results = run_benchmark(OmegaConf.to_container(cfg, resolve=True))
     path = Path(cfg.output) / "results.json"

@@ -7,8 +7,8 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig
 
-from pec.comparison import compare_classifiers, comparison_table
 from pec.errors import CheckpointError, ConfigError, DatasetError
+from pec.experiments.comparison import compare_classifiers, comparison_table
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="compare_classifiers")

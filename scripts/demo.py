@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="demo")
 def main(cfg: DictConfig) -> None:
-    from pecgrasp_env.demo import run_demo  # here, so that the processes it starts need not load it all
+    from pecgrasp_env.demo.run import run_demo  # here, so that the processes it starts need not load it all
 
     overrides = HydraConfig.get().overrides.task
     command = " ".join(["python scripts/demo.py", *overrides]) if overrides else "make demo"

@@ -9,7 +9,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from pecgrasp_env.evaluation_cells import run_cell
+from pecgrasp_env.evaluation.grid import run_cell
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="evaluate")

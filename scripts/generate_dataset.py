@@ -8,7 +8,8 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from pec.errors import DatasetError
-from pecgrasp_env.capture import CaptureConfig, CaptureError, Part, generate, summarise, write_card
+from pecgrasp_env.capture import CaptureConfig, CaptureError, generate, summarise, write_card
+from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.objects import ObjectError
 from pecgrasp_env.sensor import SensorError
 
@@ -17,7 +18,7 @@ from pecgrasp_env.sensor import SensorError
 def main(cfg: DictConfig) -> None:
     try:
         config = CaptureConfig.from_settings(OmegaConf.to_container(cfg, resolve=True))
-        part = None if cfg.shard is None else Part.parse(cfg.shard)
+        share = None if cfg.shard is None else JobShare.parse(cfg.shard)
         with tqdm(unit="cloud", disable=not cfg.progress) as bar:
 
             def progress(done: int, total: int) -> None:
@@ -31,7 +32,7 @@ def main(cfg: DictConfig) -> None:
                 cfg.out,
                 workers=cfg.workers,
                 on_error=cfg.on_error,
-                part=part,
+                share=share,
                 frames_at_once=cfg.frames_at_once,
                 progress=progress,
             )
@@ -41,7 +42,7 @@ def main(cfg: DictConfig) -> None:
     except KeyboardInterrupt:
         print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
         sys.exit(130)
-    name = "results.json" if part is None else f"results.{part.index}of{part.count}.json"
+    name = "results.json" if share is None else f"results.{share.index}of{share.count}.json"
     (generation.directory / name).write_text(json.dumps(summary, indent=1) + "\n")
     print(
         f"{'class':18}{'instances':>10}{'clouds':>8}{'points: 5 %':>13}{'median':>8}{'95 %':>7}{'median depth m':>16}"
@@ -59,7 +60,7 @@ def main(cfg: DictConfig) -> None:
         print(f"skipped {instance}: {why}")
     print(f"{summary['new_clouds']} new clouds in {summary['seconds']} s ({summary['clouds_per_second']} clouds/s)")
     print(f"data set: {generation.directory}")
-    if part is None:
+    if share is None:
         print(f"data card: {write_card(generation.directory)}")
 
 

@@ -6,7 +6,7 @@ import hydra
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from pecgrasp_env.published_figures import measure_figures
+from pecgrasp_env.experiments.published_figures import measure_figures
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="published_figures")

@@ -10,9 +10,9 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from pecgrasp_env.demonstrations import DemonstrationError, Recording, record
-from pecgrasp_env.evaluation import EvaluationError
-from pecgrasp_env.summary import table
+from pecgrasp_env.evaluation.run import EvaluationError
+from pecgrasp_env.evaluation.summary import table
+from pecgrasp_env.learning.demonstrations import DemonstrationError, Recording, record
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="record_demos")

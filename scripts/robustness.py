@@ -8,7 +8,7 @@ import hydra
 from omegaconf import DictConfig
 
 from pec.errors import CheckpointError, ConfigError, DatasetError
-from pec.robustness import measure_robustness, robustness_table
+from pec.experiments.robustness import measure_robustness, robustness_table
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="robustness")

@@ -6,8 +6,8 @@ import hydra
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from pecgrasp_env.behaviour_cloning import CloningConfig, train
-from pecgrasp_env.moments import MomentsError
+from pecgrasp_env.learning.behaviour_cloning import CloningConfig, train
+from pecgrasp_env.learning.state_features import MomentsError
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="train_bc")

@@ -10,8 +10,8 @@ from omegaconf import DictConfig, OmegaConf
 def main(cfg: DictConfig) -> None:
     from pec.errors import CheckpointError, ConfigError, DatasetError
     from pecgrasp_env.capture import CaptureError
+    from pecgrasp_env.experiments.transfer import run_transfer, table
     from pecgrasp_env.objects import ObjectError
-    from pecgrasp_env.transfer import run_transfer, table
 
     try:
         results = run_transfer(OmegaConf.to_container(cfg, resolve=True))

@@ -5,8 +5,8 @@ alone, and every sample draws from its own seed. So it does not matter which pro
 or how often the run was stopped in between: whatever a manifest lists is whole, and the rest is made when the same
 command is given again.
 
-Jobs that share the work (`part`) each write their shards into the same folder, or into copies of it that are laid over
-each other later, and list them in a manifest of their own. The same command without `part` merges: it takes over what
+Jobs that share the work (`share`) each write their shards into the same folder, or into copies of it that are laid over
+each other later, and list them in a manifest of their own. The same command without `share` merges: it takes over what
 those manifests list, makes what is missing, and leaves the one manifest that a single run would have left.
 """
 
@@ -25,13 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from pec.clouds import CloudDataset
+from pec.data.dataset import CloudDataset
+from pec.data.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest, read_shard, shard_name, write_manifest
+from pec.data.splits import write_splits
 from pec.errors import DatasetError
-from pec.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest, read_shard, shard_name, write_manifest
-from pec.splits import write_splits
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.plan import Part, plan
+from pecgrasp_env.capture.shard_plan import plan
 from pecgrasp_env.capture.workers import make_shards
+from pecgrasp_env.common.job_share import JobShare
 
 __all__ = ["Generation", "generate"]
 
@@ -61,14 +62,14 @@ def generate(
     *,
     workers: int = 2,
     on_error: str = "stop",
-    part: Part | None = None,
+    share: JobShare | None = None,
     frames_at_once: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Generation:
     """Make the data set that `config` describes in `directory`, or what is missing of it.
 
     workers: processes that render; 1 renders in this process. on_error: "stop" at an object that cannot be captured, or
-    "skip" it, and say so in the manifest. part: make only this part of the shards. frames_at_once: pictures that each
+    "skip" it, and say so in the manifest. share: make only this share of the shards. frames_at_once: pictures that each
     process draws together, by ManiSkill's batch on a GPU; None: many where there is a GPU, else one. The same bytes are
     promised for one. progress(done, total), in samples, is called once at the start and after each shard.
     Raises CaptureError (an object that cannot be captured, a disk that cannot be written), ObjectError (unknown class,
@@ -87,7 +88,7 @@ def generate(
     there = _merged(directory, planned, on_error)
     instances = {_key(instance): instance for instance in there.instances}
     done = {record.file: record for record in there.shards}
-    mine = list(jobs) if part is None else list(part.of(jobs))
+    mine = list(jobs) if share is None else list(share.of(jobs))
     names = {shard_name(job.index) for job in mine}
     missing = [job for job in mine if shard_name(job.index) not in done]
     total = sum(job.n_samples for job in mine)
@@ -96,11 +97,11 @@ def generate(
         progress(total - sum(job.n_samples for job in missing), total)
 
     def listed() -> Manifest:
-        """The manifest of the whole, or of this part, as far as it has come."""
+        """The manifest of the whole, or of this share, as far as it has come."""
         shards = sorted((r for r in done.values() if r.file in names), key=lambda record: record.file)
         return replace(there, instances=list(instances.values()), shards=shards, complete=False)
 
-    manifest_name = MANIFEST_NAME if part is None else part.manifest_name
+    manifest_name = MANIFEST_NAME if share is None else MANIFEST_NAME.replace(".json", f"{share.suffix}.json")
     shards = make_shards(config, directory, missing, workers, on_error, frames_at_once)
     with _writing(directory), closing(shards) as results:
         for record, entries in results:
@@ -113,8 +114,8 @@ def generate(
             if progress:
                 progress(total - missing_of_mine, total)
     with _writing(directory):
-        manifest = _finish(directory, listed()) if part is None else listed()
-        if part is not None:
+        manifest = _finish(directory, listed()) if share is None else listed()
+        if share is not None:
             write_manifest(directory, manifest, manifest_name)
     rejected = sum((Counter(record.rejected) for record in manifest.shards), Counter[str]())
     skipped = {name: why for record in manifest.shards for name, why in record.skipped.items()}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pec.shards import read_shard
+from pec.data.shards import read_shard
 from pecgrasp_env.capture.generate import Generation
 
 __all__ = ["summarise"]

@@ -9,100 +9,31 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from pec.shards import ShardRecord, shard_name, write_shard
+from pec.data.shards import ShardRecord, shard_name, write_shard
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.samples import Subject
-from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectError, ObjectModel
-from pecgrasp_env.objects.mesh_folder import MeshFolder
-from pecgrasp_env.objects.modelnet import ModelNetArchive
-from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
+from pecgrasp_env.capture.scenarios import open_scenario
+from pecgrasp_env.capture.scenarios.base import Subject
+from pecgrasp_env.capture.shard_plan import ShardJob, instance_entry, open_source
+from pecgrasp_env.objects import ObjectError, ObjectModel
 
-if TYPE_CHECKING:
-    from pecgrasp_env.capture.samples import Scenario
+__all__ = ["Result", "make_shards"]
 
-__all__ = ["Member", "Result", "ShardJob", "Source", "instance_entry", "make_shards", "open_scenario", "open_source"]
-
-
-_GPU_FRAMES = 64
-"""Sub-scenes of ManiSkill's batch: at 848x480 half a gigabyte of pictures."""
 
 _GO_ON = "on_error=skip goes on with the other objects"
 
 
-@dataclass(frozen=True)
-class Member:
-    """An instance: its indices in the manifest, and its number among those of its class."""
-
-    class_index: int
-    instance_index: int
-    number_in_class: int
-
-
-@dataclass(frozen=True)
-class ShardJob:
-    """One shard: samples `first` to `first + count` of each of its members."""
-
-    index: int
-    members: tuple[Member, ...]
-    first: int
-    count: int
-
-    @property
-    def n_samples(self) -> int:
-        return self.count * len(self.members)
-
-
 Result = tuple[ShardRecord, list[dict[str, Any]]]
 """A written shard, and the manifest's entries for its instances."""
-
-
-def instance_entry(source: Source, class_name: str, number: int) -> dict[str, Any]:
-    """What the manifest says of an instance before it is captured."""
-    entry = {
-        "name": source.names(class_name)[number],
-        "class": class_name,
-        "origin": source.origin(class_name, number),
-    }
-    if isinstance(source, ModelNetArchive):
-        entry["split"] = source.split(class_name, number)
-    return entry
-
-
-class Source(Protocol):
-    """Where objects come from: classes, and instances of each, in a fixed order."""
-
-    classes: tuple[str, ...]
-
-    def names(self, class_name: str) -> list[str]: ...
-    def load(self, class_name: str, i: int) -> ObjectModel: ...
-    def origin(self, class_name: str, i: int) -> str: ...
-
-
-def open_source(config: CaptureConfig) -> Source:
-    """The objects that `config` names. Raises ObjectError for an unknown class, an empty or missing folder."""
-    objects = config.objects
-    if objects.path is not None and objects.source == "modelnet10":
-        return ModelNetArchive(objects.path, objects.classes)
-    if objects.path is not None and objects.source == "ycb" and (models := find_models(objects.path)):
-        return YcbDownload(objects.classes, objects.seed, models)
-    if objects.path is not None:
-        return MeshFolder(objects.path, objects.scale, objects.classes, objects.allow_open)
-    if objects.source == "ycb" and objects.download:
-        return YcbDownload(objects.classes, objects.seed)
-    if objects.source == "ycb":
-        return YcbLookAlikes(objects.classes, objects.instances_per_class, objects.seed)
-    return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 20, objects.seed)
 
 
 def make_shards(
@@ -173,31 +104,6 @@ def _submit_next(
         lanes[lane] = deque(longest.pop() for _ in range(len(longest) // 2))
     if lanes[lane]:
         running[executors[lane].submit(_make_in_worker, lanes[lane].popleft())] = lane
-
-
-def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> Scenario:
-    """What captures objects as `config` says, in this process; frames_at_once as in `generate`."""
-    # Imported here, as they load Vulkan: in the process that renders only.
-    if config.scenario == "surface":
-        from pecgrasp_env.capture.surface import SurfaceScenario
-
-        return SurfaceScenario(config)
-    from pecgrasp_env.capture.studio import DepthStudio, Studio, gpu_draws
-
-    open_studio: Callable[[float], Studio] = DepthStudio
-    if frames_at_once is None:
-        frames_at_once = _GPU_FRAMES if gpu_draws() else 1
-    if frames_at_once > 1:
-        from pecgrasp_env.capture.batch import BatchStudio
-
-        open_studio = partial(BatchStudio, cameras=config.intrinsics, at_once=frames_at_once)
-    if config.scenario == "tabletop":
-        from pecgrasp_env.capture.tabletop import TabletopScenario
-
-        return TabletopScenario(config, open_studio)
-    from pecgrasp_env.capture.free import FreeScenario
-
-    return FreeScenario(config, open_studio)
 
 
 class _Photographer:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pecgrasp_env.objects.catalogue import CLASSES, LARS_CLASSES, Catalogue, make_object
 from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.mesh_folder import MeshFolder
-from pecgrasp_env.objects.model import ObjectModel, Part
+from pecgrasp_env.objects.meshing.mesh_cache import Part
+from pecgrasp_env.objects.model import ObjectModel
+from pecgrasp_env.objects.procedural.catalogue import CLASSES, LARS_CLASSES, Catalogue, make_object
 
 __all__ = [
     "CLASSES",

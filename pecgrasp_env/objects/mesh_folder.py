@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pecgrasp_env.objects.decompose import COACD, MOST_FACES, decompose, edge_counts
 from pecgrasp_env.objects.errors import ObjectError
-from pecgrasp_env.objects.hulls import hull_volume
-from pecgrasp_env.objects.mesh_files import cache_folder, write_atomically
-from pecgrasp_env.objects.model import ObjectModel, Part, centre_of_mass
+from pecgrasp_env.objects.meshing.convex_decomposition import COACD, MOST_FACES, decompose, edge_counts
+from pecgrasp_env.objects.meshing.convex_hulls import hull_volume
+from pecgrasp_env.objects.meshing.mesh_cache import Part, cache_folder, write_atomically
+from pecgrasp_env.objects.model import ObjectModel, centre_of_mass
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 SMALLEST, LARGEST = 0.005, 2.0  # m, the longest side that an object may have

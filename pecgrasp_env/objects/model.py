@@ -11,24 +11,15 @@ import numpy as np
 import sapien
 import trimesh
 
-from pecgrasp_env.objects.hulls import convex_hull, hull_volume
-from pecgrasp_env.objects.mesh_files import COLLISION_UNIT, collision_file, visual_file
-from pecgrasp_env.objects.shapes import Shape, join
+from pecgrasp_env.objects.meshing.convex_hulls import convex_hull, hull_volume
+from pecgrasp_env.objects.meshing.mesh_cache import COLLISION_UNIT, Part, collision_file, visual_file
+from pecgrasp_env.objects.meshing.shapes import Shape, join
 
 LIGHTEST = 0.02  # kg; below it PhysX throws an object out of a gripper that squeezes with 125 N
 FRICTION = 0.6  # plastic or painted metal against rubber pads and a table
 
 Color = tuple[float, float, float]
 Draft = tuple[list[tuple[Shape, Color]], float]  # coloured shapes in mm, and the mass in kg
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A coloured piece of the surface."""
-
-    vertices: np.ndarray  # (V, 3) float32, m, object frame
-    faces: np.ndarray  # (F, 3) int32, counter-clockwise seen from outside
-    color: tuple[float, float, float, float]  # linear RGBA in 0..1
 
 
 @dataclass(frozen=True, eq=False)

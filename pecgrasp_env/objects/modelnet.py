@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from pecgrasp_env.objects.errors import ObjectError
-from pecgrasp_env.objects.model import ObjectModel, Part
+from pecgrasp_env.objects.meshing.mesh_cache import Part
+from pecgrasp_env.objects.model import ObjectModel
 
 __all__ = ["ModelNetArchive", "read_off"]
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from pecgrasp_env.objects.catalogue import Catalogue, make_object
 from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.mesh_folder import load_mesh
 from pecgrasp_env.objects.model import ObjectModel
+from pecgrasp_env.objects.procedural.catalogue import Catalogue, make_object
 
 __all__ = ["LOOK_ALIKES", "YCB_CLASSES", "YcbDownload", "YcbLookAlikes", "find_models"]
 

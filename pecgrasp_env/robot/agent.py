@@ -28,11 +28,11 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import common
 from mani_skill.utils.structs import Actor, Link, Pose
 
-from pecgrasp_env.robot import linkage
+from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot.description import ARM_JOINTS, CRANK_JOINTS, FINGER_JOINTS, FINGER_LINKS, GRIPPER_LINKS
 from pecgrasp_env.robot.gripper_controller import GripperControllerConfig, opening_of
+from pecgrasp_env.robot.inner_knuckles import InnerKnuckles
 from pecgrasp_env.robot.kinematics import HOME
-from pecgrasp_env.robot.knuckles import InnerKnuckles
 from pecgrasp_env.robot.urdf import robot_urdf
 from pecgrasp_env.sensor import D435
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pecgrasp_env.robot import linkage as lk
+from pecgrasp_env.robot import gripper_linkage as lk
 from pecgrasp_env.robot.kinematics import COUPLER, JOINT_LIMITS, T_TOOL0_CAMERA, T_TOOL0_GRIPPER, T_TOOL0_TCP
 
 Vector = tuple[float, float, float]

@@ -15,7 +15,7 @@ import torch
 from gymnasium import spaces
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
 
-from pecgrasp_env.robot import linkage as lk
+from pecgrasp_env.robot import gripper_linkage as lk
 
 STIFFNESS, DAMPING = 1000.0, 30.0  # N·m/rad, N·m·s/rad of each crank's drive
 LEAD = 0.025  # m: twice a control step at full speed, so that the lead never slows the fingers

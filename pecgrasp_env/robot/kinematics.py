@@ -12,7 +12,7 @@ import itertools
 
 import numpy as np
 
-from pecgrasp_env.robot import linkage
+from pecgrasp_env.robot import gripper_linkage as linkage
 
 # a (m), d (m), alpha (rad): standard Denavit-Hartenberg
 DH = np.array(
@@ -29,6 +29,7 @@ DH = np.array(
 JOINT_LIMITS = np.array([[-2 * np.pi, 2 * np.pi]] * 2 + [[-np.pi, np.pi]] + [[-2 * np.pi, 2 * np.pi]] * 3)
 
 # Camera 0.55 m above (0.5, 0) of the table, looking straight down, image up = away from the robot.
+UP = np.array([0.0, 0.0, 1.0])  # of the base frame
 HOME = np.array([-0.291338, -1.757533, 1.279259, -1.092523, -np.pi / 2, -0.291338])
 HOME.setflags(write=False)
 

@@ -13,9 +13,12 @@ import numpy as np
 import trimesh
 from trimesh.visual.material import PBRMaterial
 
-from pecgrasp_env.robot import appearance, description, kinematics, linkage, surfaces
-from pecgrasp_env.robot.appearance import Part
+from pecgrasp_env.robot import description, kinematics
+from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.robot import visual_surfaces as surfaces
+from pecgrasp_env.robot import visuals as appearance
 from pecgrasp_env.robot.description import Joint, Link, Shape
+from pecgrasp_env.robot.visuals import Part
 
 _SOURCES = (appearance, description, kinematics, linkage, surfaces)  # what the generated files depend on
 

@@ -1,6 +1,7 @@
 """The simulated depth camera: an Intel RealSense D435, perfect (`ideal`) or with its faults (`d435`)."""
 
-from pecgrasp_env.sensor.camera import (
+from pecgrasp_env.sensor.d435_noise import SENSOR_MODES, D435Noise, SensorMode, apply_d435, apply_ideal
+from pecgrasp_env.sensor.intrinsics import (
     BASELINE,
     D435,
     CameraIntrinsics,
@@ -10,7 +11,6 @@ from pecgrasp_env.sensor.camera import (
     intrinsics_of,
     min_depth,
 )
-from pecgrasp_env.sensor.d435 import SENSOR_MODES, D435Noise, SensorMode, apply_d435, apply_ideal
 
 __all__ = [
     "BASELINE",

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from grasping.registration import moved
+from grasping.fusion.icp import moved
 
 Shape = tuple[np.ndarray, np.ndarray]  # points and outward normals, (N, 3)
 

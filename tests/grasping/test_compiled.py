@@ -132,7 +132,7 @@ def test_threads_do_not_disturb_each_other() -> None:
 
 @needs_kernels
 def test_the_kernels_refuse_arrays_that_they_cannot_read() -> None:
-    from grasping import _kernels
+    from grasping.curvature_planner import _kernels
 
     cloud, axes, out = np.zeros((3, 20)), np.eye(3), np.zeros((3, 20))
     assert len(_kernels.place(cloud, axes, 0.0, 0.004, out)) == 5
@@ -154,7 +154,7 @@ def test_the_kernels_refuse_arrays_that_they_cannot_read() -> None:
 @needs_kernels
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
 def test_the_kernels_survive_numbers_that_the_planner_keeps_from_them(value: float) -> None:
-    from grasping import _kernels
+    from grasping.curvature_planner import _kernels
 
     cloud = np.random.default_rng(0).uniform(0, 0.1, (3, 50))
     cloud[:, 7] = value
@@ -180,7 +180,7 @@ def test_the_kernels_survive_numbers_that_the_planner_keeps_from_them(value: flo
 
 WITHOUT_KERNELS = """
 import sys
-sys.modules["grasping._kernels"] = None  # as where no compiler was found
+sys.modules["grasping.curvature_planner._kernels"] = None  # as where no compiler was found
 import numpy as np, grasping
 assert not grasping.compiled
 cloud = np.random.default_rng(0).uniform([-0.06, -0.02, 0], [0.06, 0.02, 0.05], (500, 3))

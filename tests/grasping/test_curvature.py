@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from grasping.curvature import covariances, smallest_eigenvalue_share, surface_variation, variation_at
+from grasping.geometry.surface_variation import covariances, smallest_eigenvalue_share, surface_variation, variation_at
 
 
 def reference_share(covariance: np.ndarray) -> float:

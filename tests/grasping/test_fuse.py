@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from seen_shapes import ball, box, box_with_handle, camera, cylinder, jolt, off, seen, views_of
 
 from grasping import CloudError, ConfigError, Fused, fuse
-from grasping.registration import Alignment, moved
-from grasping.voxels import cube_means, cubes
+from grasping.fusion.icp import Alignment, moved
+from grasping.geometry.voxel_grid import cube_means, cubes
 
 VOXEL = 0.002  # m, the default
 

@@ -5,7 +5,7 @@ import pytest
 from grasping_shapes import TABLE, UP, axis_angle, box_top, grid, moved, tips
 
 from grasping import GeoGraspPlanner
-from grasping.rivals import geograsp
+from grasping.baselines import geograsp
 
 
 def seen_can(radius: float, height: float, step: float = 0.004) -> np.ndarray:

@@ -22,7 +22,7 @@ from table_scenes import box, table_scene, task
 import grasping
 from grasping import ConfigError, CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
-from grasping.plan_files import plan_files
+from grasping.plan_files.run import plan_files
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasping import PublishedPlanner
-from grasping.regions import object_axes
+from grasping.geometry.principal_axes import object_axes
 
 
 def clusters_by_search(points: np.ndarray, tolerance: float) -> list[list[int]]:

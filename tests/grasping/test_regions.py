@@ -7,8 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist, pdist
 from scipy.spatial.transform import Rotation
 
-from grasping.primitives import all_alike, primitive_of
-from grasping.regions import euclidean_clusters, object_axes, principal_axes, slab_of, spread, voxel_clusters
+from grasping.geometry.clustering import euclidean_clusters, voxel_clusters
+from grasping.geometry.primitives import all_alike, primitive_of
+from grasping.geometry.principal_axes import object_axes, principal_axes
+from grasping.geometry.sampling import spread
+from grasping.geometry.slabs import slab_of
 
 
 def test_object_axes_are_right_handed_with_y_along_the_object() -> None:

@@ -17,8 +17,9 @@ from omegaconf import OmegaConf
 from grasping.errors import CloudError
 from grasping.grasp import Grasp, GraspPlan, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.gripper_shape import gripper_parts
-from grasping.viewer import Layer, fragment, page, score_rgb
+from grasping.viewer.figure import Layer, fragment, score_rgb
+from grasping.viewer.gripper_mesh import gripper_parts
+from grasping.viewer.html import page
 
 HAND_85 = Gripper.from_mapping(
     OmegaConf.to_container(OmegaConf.load(Path(__file__).parents[2] / "conf/gripper/robotiq_2f_85.yaml"))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grasping.voxels import cube_means, cubes
+from grasping.geometry.voxel_grid import cube_means, cubes
 
 
 def test_points_of_one_cube_have_one_number_and_their_mean() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pec.shards import CloudSample, Manifest, shard_name, write_manifest, write_shard
+from pec.data.shards import CloudSample, Manifest, shard_name, write_manifest, write_shard
 
 CLASSES = ["ball", "plate", "rod"]
 _SIZES = {"ball": (0.05, 0.05, 0.05), "plate": (0.09, 0.07, 0.004), "rod": (0.12, 0.01, 0.008)}

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pec.ablation import cell_key, code_version, read_cells, run_cell
-from pec.ablation_table import write_table
-from pec.charts import chart
-from pec.proportions import wilson_interval
+from pec.experiments.grid import cell_key, read_cells, run_cell
+from pec.experiments.grid_table import write_table
+from pec.experiments.svg_chart import chart
+from pec.statistics import wilson_interval
 
 ROOT = Path(__file__).parents[2]
 
@@ -78,21 +78,6 @@ def test_key_changes_with_what_decides_the_numbers_and_with_nothing_else(shapes,
     manifest = json.loads((moved / "manifest.json").read_text())
     (moved / "manifest.json").write_text(json.dumps(manifest | {"seed": 5}))
     assert cell_key(settings | {"dataset": settings["dataset"] | {"path": str(moved)}}) != key
-
-
-def test_code_version_is_that_of_the_statements(tmp_path):
-    package = shutil.copytree(ROOT / "pec", tmp_path / "pec", ignore=shutil.ignore_patterns("__pycache__"))
-
-    before = code_version.__wrapped__(package)
-    pose = package / "pose.py"
-    pose.write_text("# A remark.\n" + pose.read_text().replace('"""A canonical pose', '"""The canonical pose'))
-    assert code_version.__wrapped__(package) == before
-    (package / "charts.py").write_text("EXTRA = 1\n")  # no number comes from it
-    assert code_version.__wrapped__(package) == before
-    (package / "ordering.py").write_text((package / "ordering.py").read_text() + "\nEXTRA = 1\n")
-    assert code_version.__wrapped__(package) != before
-    (package / "new.py").write_text("")
-    assert code_version.__wrapped__(package) != before
 
 
 def test_failed_cell_says_why_and_is_tried_again(shapes, tmp_path):

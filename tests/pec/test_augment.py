@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from pec.augment import Augment, augment
+from pec.data.augment import Augment, augment
 from pec.errors import ConfigError
 
 

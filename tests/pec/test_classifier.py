@@ -10,16 +10,10 @@ import torch
 from pec import PEC, Classifier
 from pec.checkpoint import Checkpoint, write_checkpoint
 from pec.classifier import UNKNOWN
-from pec.clouds import load_dataset
+from pec.data.dataset import load_dataset
 from pec.errors import CheckpointError, CloudError, ConfigError
-from pec.evaluation import (
-    average_views,
-    expected_calibration_error,
-    fit_temperature,
-    rejection_threshold,
-    score,
-)
-from pec.preprocess import Preprocess
+from pec.metrics import average_views, expected_calibration_error, fit_temperature, rejection_threshold, score
+from pec.preprocessing.preprocess import Preprocess
 
 CLASSES = ["can", "mug", "box"]
 CANONICAL = Preprocess(n_candidates=128, start="farthest", pose="principal", ordering="anchors")
@@ -58,7 +52,7 @@ def test_cloud_is_classified_alike_alone_and_in_a_list(tmp_path, preprocess):
 
 
 def test_trained_classifier_knows_its_shapes(shapes, tmp_path):
-    from pec.training import train
+    from pec.training.train import train
 
     protocol = {"epochs": 15, "batch_size": 16}
     settings = {"dataset": {"path": str(shapes)}, "output": str(tmp_path), "protocol": protocol, "progress": False}

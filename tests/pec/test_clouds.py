@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pec import clouds
-from pec.clouds import load_dataset, remove_around_random_point
+from pec.data import dataset as clouds
+from pec.data.dataset import load_dataset, remove_around_random_point
+from pec.data.shards import read_manifest, write_manifest
+from pec.data.tensor_dataset import prepare
 from pec.errors import DatasetError
-from pec.prepared import prepare
-from pec.preprocess import Preprocess
-from pec.shards import read_manifest, write_manifest
+from pec.preprocessing.preprocess import Preprocess
 
 
 def test_generated_set_is_loaded_whole(shapes):

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from pec import Classifier
-from pec.clouds import load_dataset
-from pec.comparison import compare_classifiers, comparison_table
+from pec.data.dataset import load_dataset
 from pec.errors import ConfigError, DatasetError
-from pec.finished import read_finished
-from pec.proportions import mcnemar, wilson_interval
-from pec.training import train
+from pec.experiments.comparison import compare_classifiers, comparison_table
+from pec.statistics import mcnemar, wilson_interval
+from pec.training.finished_runs import read_finished
+from pec.training.train import train
 
 ROOT = Path(__file__).parents[2]
 

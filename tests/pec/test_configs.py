@@ -6,7 +6,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from pec.config import TrainConfig, read_config
+from pec.training.config import TrainConfig, read_config
 
 CONF = Path(__file__).parents[2] / "conf"
 

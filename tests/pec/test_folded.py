@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch import nn
 
-from pec.folded import fold
-from pec.models import fast_forward
-from pec.pec2 import PEC2
+from pec.networks.fold_batchnorm import fold
+from pec.networks.pec2 import PEC2
+from pec.networks.registry import fast_forward
 
 
 def _with_statistics(model: nn.Module, inputs: torch.Tensor) -> nn.Module:

@@ -10,10 +10,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pec import kernels
 from pec.errors import CloudError
-from pec.ordering import anchor_positions, group_order
-from pec.preprocess import Preprocess, farthest_points
+from pec.preprocessing import compiled as kernels
+from pec.preprocessing.ordering import anchor_positions, group_order
+from pec.preprocessing.preprocess import Preprocess, farthest_points
 
 needs_kernels = pytest.mark.skipif(not kernels.AVAILABLE, reason="this installation has no compiled kernels")
 
@@ -111,7 +111,7 @@ def test_cloud_that_is_not_ordinary_is_left_to_the_reference(value: float) -> No
 
 @needs_kernels
 def test_arrays_of_another_type_or_size_are_refused() -> None:
-    from pec import _kernels
+    from pec.preprocessing import _kernels
 
     cloud = np.zeros((100, 3), np.float32)
     with pytest.raises(TypeError, match="points: items of another type"):
@@ -130,12 +130,12 @@ def test_arrays_of_another_type_or_size_are_refused() -> None:
 
 _WITHOUT = """
 import sys
-sys.modules["pec._kernels"] = None  # as where it was not compiled
+sys.modules["pec.preprocessing._kernels"] = None  # as where it was not compiled
 import numpy as np
 import torch
 from pec import PEC, Classifier, kernels
 from pec.checkpoint import Checkpoint
-from pec.preprocess import Preprocess
+from pec.preprocessing.preprocess import Preprocess
 assert not kernels.AVAILABLE
 torch.manual_seed(0)
 cloud = np.random.default_rng(0).exponential(size=(500, 3)) * [0.1, 0.05, 0.02]
@@ -151,7 +151,7 @@ def test_without_a_compiler_the_answers_are_the_same() -> None:
     answers = []
     for source in (
         _WITHOUT,
-        _WITHOUT.replace('sys.modules["pec._kernels"] = None', "").replace("assert not", "assert"),
+        _WITHOUT.replace('sys.modules["pec.preprocessing._kernels"] = None', "").replace("assert not", "assert"),
     ):
         child = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True, timeout=120)
         answers.append([[float(value) for value in line.split()] for line in child.stdout.splitlines()])

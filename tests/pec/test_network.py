@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from pec import PEC
-from pec.fused import FusedPEC
+from pec.networks.pec_inference import FusedPEC
 
 
 @pytest.mark.parametrize(

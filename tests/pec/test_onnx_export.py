@@ -9,9 +9,9 @@ import torch
 from pec import Classifier
 from pec.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from pec.errors import ConfigError
-from pec.models import build_model
+from pec.networks.registry import build_model
 from pec.onnx_export import export_onnx
-from pec.preprocess import Preprocess
+from pec.preprocessing.preprocess import Preprocess
 
 onnxruntime = pytest.importorskip("onnxruntime", reason="an extra: pip install '.[onnx]'")
 CLASSES = ["can", "mug", "box"]

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from pec import training
-from pec.initialise import scale_initial_weights
-from pec.network import PEC
-from pec.pec2 import PEC2
+from pec.networks.initialise import scale_initial_weights
+from pec.networks.pec import PEC
+from pec.networks.pec2 import PEC2
+from pec.training import train as training
 
 
 def test_it_is_smaller_than_the_published_network():

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pec.errors import CloudError, ConfigError
-from pec.ordering import anchor_positions, group_order, nearest_candidates
-from pec.pose import principal_pose
-from pec.preprocess import Preprocess, farthest_point_sampling
+from pec.preprocessing.ordering import anchor_positions, group_order, nearest_candidates
+from pec.preprocessing.pose import principal_pose
+from pec.preprocessing.preprocess import Preprocess, farthest_point_sampling
 
 CANONICAL = Preprocess(n_candidates=128, start="farthest", pose="principal", ordering="anchors")
 

@@ -13,12 +13,12 @@ import torch
 from safetensors.torch import load_file
 
 from pec import Classifier
-from pec.clouds import load_dataset
-from pec.models import MODELS, build_model, fast_forward
-from pec.rivals import NearestNeighbours, PointNet
-from pec.rivals.knn import describe
-from pec.rivals.neighbourhoods import farthest_points, nearest, squared_distances, take
-from pec.training import train
+from pec.data.dataset import load_dataset
+from pec.networks.baselines import NearestNeighbours, PointNet
+from pec.networks.baselines.knn import describe
+from pec.networks.baselines.neighbourhoods import farthest_points, nearest, squared_distances, take
+from pec.networks.registry import MODELS, build_model, fast_forward
+from pec.training.train import train
 
 RIVALS = [name for name in MODELS if not name.startswith("pec")]
 NETWORKS = [name for name in RIVALS if name != "knn"]

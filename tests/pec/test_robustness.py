@@ -11,10 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pec.corruptions import ADD_GLOBAL, ADD_LOCAL, CORRUPTIONS, DROP_GLOBAL, DROP_LOCAL, JITTER, LEVELS, ROTATE, corrupt
+from pec.data.corruptions import (
+    ADD_GLOBAL,
+    ADD_LOCAL,
+    CORRUPTIONS,
+    DROP_GLOBAL,
+    DROP_LOCAL,
+    JITTER,
+    LEVELS,
+    ROTATE,
+    corrupt,
+)
 from pec.errors import CheckpointError, ConfigError
-from pec.robustness import measure_robustness, robustness_table
-from pec.training import train
+from pec.experiments.robustness import measure_robustness, robustness_table
+from pec.training.train import train
 
 ROOT = Path(__file__).parents[2]
 

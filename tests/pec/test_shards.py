@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
+from pec.data.shards import CloudSample, Manifest, read_manifest, read_shard, shard_name, write_manifest, write_shard
 from pec.errors import DatasetError
-from pec.shards import CloudSample, Manifest, read_manifest, read_shard, shard_name, write_manifest, write_shard
 
 
 def _samples(sizes: list[int], seed: int = 0) -> list[CloudSample]:

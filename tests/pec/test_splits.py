@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pec.clouds import CloudDataset, load_dataset
+from pec.data.dataset import CloudDataset, load_dataset
+from pec.data.splits import SPLITS_NAME, divide, read_splits, split_by_instance, split_by_sample, write_splits
 from pec.errors import DatasetError
-from pec.splits import SPLITS_NAME, divide, read_splits, split_by_instance, split_by_sample, write_splits
 
 
 def labelled(instances_of_class: list[int], samples: list[int]) -> CloudDataset:
@@ -118,8 +118,8 @@ def test_broken_splits_are_named(shapes, tmp_path, content, message):
 
 
 def test_training_tests_on_the_stored_split_whatever_its_seed(shapes, tmp_path):
-    from pec.config import DatasetConfig
-    from pec.division import split
+    from pec.training.config import DatasetConfig
+    from pec.training.run_split import split
 
     directory = shutil.copytree(shapes, tmp_path / "data")
     write_splits(directory, load_dataset(directory), 5)

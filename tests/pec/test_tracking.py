@@ -5,9 +5,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from pec import PEC
-from pec.costs import multiply_adds
-from pec.models import build_model
-from pec.training import train
+from pec.networks.registry import build_model
+from pec.training.costs import multiply_adds
+from pec.training.train import train
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,12 @@ import torch
 from safetensors.torch import load_file
 
 from pec.checkpoint import read_checkpoint, read_training_state
-from pec.clouds import load_dataset
-from pec.config import read_config
-from pec.division import split
+from pec.data.dataset import load_dataset
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.threads import torch_threads
-from pec.training import log_class_shares, train
+from pec.training.config import read_config
+from pec.training.run_split import split
+from pec.training.train import log_class_shares, train
 
 
 def _settings(shapes: Path, output: Path, **changes) -> dict:

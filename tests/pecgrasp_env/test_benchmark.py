@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from pec.models import MODELS
-from pecgrasp_env.benchmark import run_benchmark, side_by_side
+from pec.networks.registry import MODELS
+from pecgrasp_env.benchmark.run import run_benchmark, side_by_side
 
 SMALL = {"seed": 0, "repeats": 1, "cloud_sizes": [256], "classified_sizes": [300]}
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
-from pecgrasp_env.capture.batch import BatchStudio
-from pecgrasp_env.capture.free import FreeScenario
-from pecgrasp_env.capture.samples import Captured, Subject
-from pecgrasp_env.capture.studio import DepthStudio, gpu_draws
-from pecgrasp_env.capture.tabletop import TabletopScenario
-from pecgrasp_env.capture.workers import open_scenario
+from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, gpu_draws
+from pecgrasp_env.capture.rendering.gpu_renderer import BatchStudio
+from pecgrasp_env.capture.scenarios import open_scenario
+from pecgrasp_env.capture.scenarios.base import Captured, Subject
+from pecgrasp_env.capture.scenarios.free import FreeScenario
+from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario
 from pecgrasp_env.objects import make_object
 
 # SAPIEN draws on the device of a process's first renderer, so each comparison has a process of its own.
 APART = multiprocessing.get_context("forkserver")
-APART.set_forkserver_preload(["pecgrasp_env.capture.batch", "pecgrasp_env.capture.tabletop"])
+APART.set_forkserver_preload(["pecgrasp_env.capture.rendering.gpu_renderer", "pecgrasp_env.capture.scenarios.tabletop"])
 
 FREE = CaptureConfig(sensor="d435", resolutions=("424x240", "848x480"))
 TABLETOP = CaptureConfig(scenario="tabletop", sensor="d435", tabletop=TabletopConfig(drops=6))
@@ -72,7 +72,7 @@ class Askew(DepthStudio):
 
 def with_another_renderer() -> tuple[list[str], Captured, Captured]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pecgrasp_env.capture.batch.DepthStudio", Askew)
+        patch.setattr("pecgrasp_env.capture.rendering.gpu_renderer.DepthStudio", Askew)
         batch = FreeScenario(FREE, partial(BatchStudio, cameras=FREE.intrinsics, at_once=1, device="cpu"))
     subjects = [Subject(make_object("stapler", 0), 0, 0)]
     with warnings.catch_warnings(record=True) as told:

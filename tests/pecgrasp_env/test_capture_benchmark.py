@@ -2,7 +2,7 @@
 
 import pytest
 
-from pecgrasp_env.benchmark import run_benchmark
+from pecgrasp_env.benchmark.run import run_benchmark
 
 
 def test_generation_is_timed_beside_the_stepped_environment_and_its_floor():

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pec.clouds import CloudDataset
+from pec.data.dataset import CloudDataset
+from pec.data.shards import CloudSample, Manifest, ShardRecord, shard_name, write_manifest, write_shard
+from pec.data.splits import write_splits
 from pec.errors import DatasetError
-from pec.shards import CloudSample, Manifest, ShardRecord, shard_name, write_manifest, write_shard
-from pec.splits import write_splits
 from pecgrasp_env.capture import write_card
-from pecgrasp_env.charts import histogram
+from pecgrasp_env.common.svg_charts import histogram
 
 HOSTILE = "<script>alert(1)</script>"
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from pec.shards import CloudSample, read_manifest, read_shard
+from pec.data.shards import CloudSample, read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, ObjectsConfig, generate
-from pecgrasp_env.capture.free import FreeScenario, random_pose
-from pecgrasp_env.capture.samples import Subject
-from pecgrasp_env.capture.studio import DepthStudio, Shot
+from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot
+from pecgrasp_env.capture.scenarios.base import Subject
+from pecgrasp_env.capture.scenarios.free import FreeScenario, random_pose
 from pecgrasp_env.objects import ObjectModel, Part, make_object
 from pecgrasp_env.sensor import D435, D435Noise
 

@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from pec.clouds import load_dataset
+from pec.data.dataset import load_dataset
+from pec.data.shards import read_manifest, read_shard, write_manifest
 from pec.errors import DatasetError
-from pec.shards import read_manifest, read_shard, write_manifest
-from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, Part, generate
+from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, generate
+from pecgrasp_env.common.job_share import JobShare, JobShareError
 from pecgrasp_env.objects import ObjectError
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +32,7 @@ SMALL = CaptureConfig(
 )
 # Children that have imported everything already and are killed for it by the dozen.
 FORKED = multiprocessing.get_context("forkserver")
-FORKED.set_forkserver_preload(["pecgrasp_env.capture.free", "pecgrasp_env.capture.workers"])
+FORKED.set_forkserver_preload(["pecgrasp_env.capture.scenarios.free", "pecgrasp_env.capture.workers"])
 
 
 def contents(directory: Path) -> dict[str, str]:
@@ -111,7 +112,7 @@ def children(pid: int) -> list[int]:
 
 def test_parts_of_three_jobs_merge_into_the_bytes_of_one_run(reference, tmp_path):
     directory = tmp_path / "data"
-    made = [generate(SMALL, directory, workers=1, part=Part(i, 3)) for i in (2, 0, 1)]
+    made = [generate(SMALL, directory, workers=1, share=JobShare(i, 3)) for i in (2, 0, 1)]
     assert sum(part.n_new for part in made) == 48
     assert [part.n_samples for part in made] == [18, 15, 15]
     assert sorted(path.name for path in directory.glob("*.json")) == [f"manifest.{i}of3.json" for i in range(3)]
@@ -124,26 +125,26 @@ def test_parts_of_three_jobs_merge_into_the_bytes_of_one_run(reference, tmp_path
 
 def test_a_merge_makes_what_a_dead_job_left_out_and_a_job_goes_on(reference, tmp_path):
     directory = tmp_path / "data"
-    generate(SMALL, directory, workers=1, part=Part(0, 2))
-    generate(SMALL, directory, workers=1, part=Part(1, 2))
+    generate(SMALL, directory, workers=1, share=JobShare(0, 2))
+    generate(SMALL, directory, workers=1, share=JobShare(1, 2))
     (directory / "manifest.1of2.json").unlink()
     (directory / "shards/00002.safetensors").write_bytes(b"damaged")
-    assert generate(SMALL, directory, workers=1, part=Part(0, 2)).n_new == 3
-    assert generate(SMALL, directory, workers=1, part=Part(0, 2)).n_new == 0
+    assert generate(SMALL, directory, workers=1, share=JobShare(0, 2)).n_new == 3
+    assert generate(SMALL, directory, workers=1, share=JobShare(0, 2)).n_new == 0
     assert generate(SMALL, directory, workers=1).n_new == 24
     assert contents(directory) == contents(reference)
 
 
 def test_a_part_of_another_data_set_is_not_merged(tmp_path):
-    generate(replace(SMALL, seed=8), tmp_path / "data", workers=1, part=Part(0, 8))
+    generate(replace(SMALL, seed=8), tmp_path / "data", workers=1, share=JobShare(0, 8))
     with pytest.raises(DatasetError, match=r"manifest\.0of8\.json is of another data set: config\.seed is 8 there"):
         generate(SMALL, tmp_path / "data", workers=1)
 
 
 @pytest.mark.parametrize("text", ["8/8", "1", "-1/3", "a/b", "0/0", "1/2/3"])
 def test_parts_that_do_not_exist_are_refused(text):
-    with pytest.raises(CaptureError, match=r"must be i/n with 0 ≤ i < n"):
-        Part.parse(text)
+    with pytest.raises(JobShareError, match=r"must be i/n with 0 ≤ i < n"):
+        JobShare.parse(text)
 
 
 @pytest.mark.slow

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
-from pec.clouds import load_dataset
-from pec.config import DatasetConfig
-from pec.division import split
+from pec.data.dataset import load_dataset
+from pec.data.shards import read_manifest, read_shard
 from pec.errors import DatasetError
-from pec.shards import read_manifest, read_shard
+from pec.training.config import DatasetConfig
+from pec.training.run_split import split
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, generate
-from pecgrasp_env.capture.surface import poisson_disk
-from pecgrasp_env.capture.workers import open_source
+from pecgrasp_env.capture.scenarios.surface import poisson_disk
+from pecgrasp_env.capture.shard_plan import open_source
 from pecgrasp_env.objects import ObjectError, make_object, ycb
 from pecgrasp_env.objects.modelnet import ModelNetArchive, read_off
 

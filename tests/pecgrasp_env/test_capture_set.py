@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from pec.data.shards import read_manifest, read_shard
 from pec.errors import DatasetError
-from pec.shards import read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, generate, summarise
-from pecgrasp_env.capture.samples import sample_seed
+from pecgrasp_env.capture.scenarios.base import sample_seed
 from pecgrasp_env.objects import ObjectError, make_object
 
 SMALL = CaptureConfig(

@@ -12,16 +12,16 @@ import torch
 import trimesh
 
 from grasping import Segmenter
-from pec.shards import read_manifest, read_shard
+from pec.data.shards import read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
-from pecgrasp_env.capture.samples import Subject
-from pecgrasp_env.capture.studio import DepthStudio, Shot
-from pecgrasp_env.capture.table import Table, background_depth, compose
-from pecgrasp_env.capture.tabletop import TabletopScenario, resting_poses
+from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot
+from pecgrasp_env.capture.rendering.tabletop_depth import Table, background_depth, compose
+from pecgrasp_env.capture.scenarios.base import Subject
+from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario, resting_poses
 from pecgrasp_env.objects import LARS_CLASSES, ObjectModel, Part, make_object
+from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor import D435
-from pecgrasp_env.views import look_postures
 
 TABLE = CaptureConfig(
     scenario="tabletop",
@@ -127,7 +127,7 @@ def test_clouds_are_what_the_robots_segmenter_cuts_out_labelled_by_the_renderer(
             scenes.append(super().segment(cloud, **kwargs))
             return scenes[-1]
 
-    monkeypatch.setattr("pecgrasp_env.capture.tabletop.Segmenter", Watched)
+    monkeypatch.setattr("pecgrasp_env.capture.scenarios.tabletop.Segmenter", Watched)
     models = [make_object("can", 0), block(0.12, 0.05, 0.03), make_object("stapler", 2)]
     made = TabletopScenario(TABLE).capture([Subject(model, i, 7 + i) for i, model in enumerate(models)], 0, 5)
     assert [sample.class_index for sample in made.samples] == [0] * 5 + [1] * 5 + [2] * 5
@@ -162,7 +162,7 @@ def test_mixed_cut_outs_are_dropped_and_counted_or_marked():
         reasons = {0: Counter(), 1: Counter()}
         scenario._studio.show([subject.model for subject in pair])
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("pecgrasp_env.capture.tabletop.arrange", lambda *_: poses)
+            patch.setattr("pecgrasp_env.capture.scenarios.tabletop.arrange", lambda *_: poses)
             frame = next(scenario._frames([subject.model for subject in pair], "first", "key"))
         return scenario._cut(*frame, pair, reasons, Counter()), reasons
 

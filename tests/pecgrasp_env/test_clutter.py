@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pecgrasp_env.choice import MOST_OBJECTS, askable, draw_classes, draw_instances
-from pecgrasp_env.clutter import CLOSE_GAP_M, lay_out
-from pecgrasp_env.fall import push_together, settle
 from pecgrasp_env.objects import Catalogue, make_object
-from pecgrasp_env.placement import PlacementError, Region, outline_of, separation
+from pecgrasp_env.scene.clutter import CLOSE_GAP_M, lay_out
+from pecgrasp_env.scene.draw_objects import MOST_OBJECTS, askable, draw_classes, draw_instances
+from pecgrasp_env.scene.placement import PlacementError, Region, outline_of, separation
+from pecgrasp_env.scene.settling import push_together, settle
 
 REGION = Region(0.33, 0.67, -0.25, 0.25)
 

@@ -5,13 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pecgrasp_env.clearance import Clearance
-from pecgrasp_env.collision import CELL_M, Surroundings, hits_itself
-from pecgrasp_env.motion import MotionError
-from pecgrasp_env.robot import description, forward_kinematics, linkage
-from pecgrasp_env.robot.body import body
+from pecgrasp_env.motion.collision import CELL_M, Clearance, Surroundings, hits_itself
+from pecgrasp_env.motion.trajectory import MotionError
+from pecgrasp_env.policy.viewpoints import look_postures
+from pecgrasp_env.robot import description, forward_kinematics
+from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.robot.collision_spheres import body
 from pecgrasp_env.robot.kinematics import HOME, inverse_kinematics
-from pecgrasp_env.views import look_postures
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 NOTHING = np.zeros((0, 3))

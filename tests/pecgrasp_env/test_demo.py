@@ -10,7 +10,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from pecgrasp_env.demo import run_demo
+from pecgrasp_env.demo.run import run_demo
 
 CONF = Path(__file__).parents[2] / "conf"
 

@@ -13,9 +13,9 @@ from mani_skill.trajectory import replay_trajectory, utils
 from mani_skill.trajectory.dataset import ManiSkillTrajectoryDataset, load_h5_data
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.behaviour_cloning import CloningConfig, load, samples, train
-from pecgrasp_env.demonstrations import DemonstrationError, Recording, record
-from pecgrasp_env.moments import Moments, MomentsError, read_demonstrations, tool
+from pecgrasp_env.learning.behaviour_cloning import CloningConfig, load, samples, train
+from pecgrasp_env.learning.demonstrations import DemonstrationError, Recording, record
+from pecgrasp_env.learning.state_features import Moments, MomentsError, read_demonstrations, tool
 
 PLANNER = {"_target_": "grasping.CurvaturePlanner"}
 RECORDING = Recording(

@@ -19,14 +19,13 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from grasping import CurvaturePlanner
-from pecgrasp_env.code_version import code_version
-from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
-from pecgrasp_env.evaluation import Protocol, read_episodes
-from pecgrasp_env.evaluation_cells import cell_key, read_cells, run_cell
-from pecgrasp_env.evaluation_page import render
-from pecgrasp_env.evaluation_sweep import write_evaluation
-from pecgrasp_env.evaluation_tables import as_results, markdown, read_evaluation
-from pecgrasp_env.paired import ALL, Comparison, PairingError, compare
+from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
+from pecgrasp_env.evaluation.grid import cell_key, read_cells, run_cell
+from pecgrasp_env.evaluation.hydra_callback import write_evaluation
+from pecgrasp_env.evaluation.page import render
+from pecgrasp_env.evaluation.paired_tests import ALL, Comparison, PairingError, compare
+from pecgrasp_env.evaluation.run import Protocol, read_episodes
+from pecgrasp_env.evaluation.tables import as_results, markdown, read_evaluation
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
@@ -96,25 +95,6 @@ def test_the_key_changes_with_what_decides_an_episode_and_with_nothing_else(tmp_
     assert classifier != key
     (tmp_path / "model.safetensors").write_bytes(b"others")
     assert cell_key(settings | {"checkpoint": str(tmp_path)}) != classifier
-
-
-def test_the_code_version_is_that_of_the_statements_that_episodes_go_through(tmp_path):
-    for package in ("grasping", "pec", "pecgrasp_env"):
-        (tmp_path / package).mkdir()
-    policy = tmp_path / "pecgrasp_env/policy.py"
-    policy.write_text("def act():\n    from pecgrasp_env.motion import move\n    return move\n")
-    motion = tmp_path / "pecgrasp_env/motion.py"
-    motion.write_text("from grasping import x\n\ndef move():\n    return 1\n")
-    (tmp_path / "grasping/__init__.py").write_text("x = 1\n")
-    before = code_version.__wrapped__(tmp_path)
-    motion.write_text('from grasping import x  # why\n\ndef move():\n    """Moves."""\n    return 1\n')
-    (tmp_path / "pecgrasp_env/report.py").write_text("unused = 1\n")
-    assert code_version.__wrapped__(tmp_path) == before
-    motion.write_text("from grasping import x\n\ndef move():\n    return 2\n")
-    assert code_version.__wrapped__(tmp_path) != before
-    changed = code_version.__wrapped__(tmp_path)
-    (tmp_path / "grasping/_kernels.c").write_text("int x;\n")
-    assert code_version.__wrapped__(tmp_path) != changed
 
 
 # A grid without a simulator: its journals are written here.

@@ -5,12 +5,12 @@ import pytest
 from PIL import Image
 
 from grasping import CurvaturePlanner, Grasp, GraspPlan
-from pecgrasp_env.evaluation import Protocol
-from pecgrasp_env.failure_pictures import FailurePictures, camera, what_it_saw
-from pecgrasp_env.perception import Percept, Picture, SeenObject
+from pecgrasp_env.evaluation.failure_images import FailurePictures, camera, what_it_saw
+from pecgrasp_env.evaluation.recording_policy import Sight
+from pecgrasp_env.evaluation.run import Protocol
+from pecgrasp_env.policy.perception import Percept, Picture, SeenObject
+from pecgrasp_env.policy.viewpoints import HOME
 from pecgrasp_env.sensor import CameraIntrinsics
-from pecgrasp_env.views import HOME
-from pecgrasp_env.watched import Sight
 
 
 def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():

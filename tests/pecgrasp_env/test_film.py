@@ -8,7 +8,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from pecgrasp_env.film import Film, compose, depth_picture, join_films
+from pecgrasp_env.common.depth_image import depth_picture
+from pecgrasp_env.demo.video import Film, compose, join_films
 
 
 def frame(brightness: int) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.perception import gripper_mask
+from pecgrasp_env.policy.perception import gripper_mask
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, T_TOOL0_GRIPPER
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pecgrasp_env.joint_planner import STEP_RAD, NoWayError, between, free_path
+from pecgrasp_env.motion.rrt_connect import STEP_RAD, NoWayError, between, free_path
 
 START, GOAL = np.zeros(6), np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.approach import clear_of_table
-from pecgrasp_env.clearance import Clearance
-from pecgrasp_env.motion import (
+from pecgrasp_env.motion.collision import Clearance
+from pecgrasp_env.motion.grasp_approach import clear_of_table
+from pecgrasp_env.motion.trajectory import (
     JOINT_ACCELERATION,
     JOINT_SPEED,
     MotionError,
@@ -17,8 +17,8 @@ from pecgrasp_env.motion import (
     time_law,
     unwound,
 )
+from pecgrasp_env.policy.viewpoints import HOME, look_at, look_postures, posture_above
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics, tool0_from_grasp
-from pecgrasp_env.views import HOME, look_at, look_postures, posture_above
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 NOTHING = np.zeros((0, 3))

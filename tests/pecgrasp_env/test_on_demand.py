@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 import pecgrasp_env
-from pecgrasp_env import ScriptedPolicy, policy
-from pecgrasp_env.episode import run_episode
-from pecgrasp_env.on_demand import Pictures
-from pecgrasp_env.views import HOME
+from pecgrasp_env import ScriptedPolicy
+from pecgrasp_env.envs.lazy_images import Pictures
+from pecgrasp_env.evaluation.episode import run_episode
+from pecgrasp_env.policy import scripted as policy
+from pecgrasp_env.policy.viewpoints import HOME
 
 assert pecgrasp_env
 ACTION = np.array([*HOME, 0.14, 60.0], np.float32)

@@ -8,10 +8,10 @@ from sapien import physx
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from pecgrasp_env.clutter import lay_out
-from pecgrasp_env.fall import settle
 from pecgrasp_env.objects import make_object
-from pecgrasp_env.placement import PlacementError, Region, separation
+from pecgrasp_env.scene.clutter import lay_out
+from pecgrasp_env.scene.placement import PlacementError, Region, separation
+from pecgrasp_env.scene.settling import settle
 
 REGION = Region(0.33, 0.67, -0.25, 0.25)
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

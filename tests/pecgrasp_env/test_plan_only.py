@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.perception import ObservationError
-from pecgrasp_env.policy import ScriptedPolicy
+from pecgrasp_env.policy.perception import ObservationError
+from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.policy.viewpoints import HOME, look_at
 from pecgrasp_env.robot import forward_kinematics, tool0_from_grasp
 from pecgrasp_env.sensor import D435
-from pecgrasp_env.views import HOME, look_at
 
 CAMERA = look_at((0.5, 0.0, 0.55), (0.5, 0.0, 0.0))
 INTRINSICS = D435["424x240"]
@@ -124,7 +124,7 @@ sys.meta_path.insert(0, Blocker())
 import numpy as np
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.sensor import D435
-from pecgrasp_env.views import HOME, look_at
+from pecgrasp_env.policy.viewpoints import HOME, look_at
 depth = np.full((240, 424), 0.55, np.float32)
 depth[100:130, 190:230] = 0.50
 pick = ScriptedPolicy(None).plan_only(depth, D435["424x240"], look_at((0.5, 0, 0.55), (0.5, 0, 0)), "block", q=HOME)

@@ -6,9 +6,9 @@ import pytest
 from mani_skill.utils.structs.pose import Pose
 
 from pecgrasp_env import ScriptedPolicy
-from pecgrasp_env.evaluation import run_episode
+from pecgrasp_env.evaluation.run import run_episode
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
-from pecgrasp_env.perception import (
+from pecgrasp_env.policy.perception import (
     OTHER,
     ObservationError,
     SeenObject,

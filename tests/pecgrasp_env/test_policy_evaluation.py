@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pecgrasp_env.capture import Part
-from pecgrasp_env.episode import OUTCOMES, Episode
-from pecgrasp_env.evaluation import EvaluationError, Protocol, read_episodes, run_episodes
-from pecgrasp_env.summary import summarise, table
+from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.evaluation.episode import OUTCOMES, Episode
+from pecgrasp_env.evaluation.run import EvaluationError, Protocol, read_episodes, run_episodes
+from pecgrasp_env.evaluation.summary import summarise, table
 
 PROTOCOL = Protocol({"n_objects": 1}, "nowhere", {"_target_": "grasping.CurvaturePlanner"}, {})
 ALONE = Protocol(
@@ -56,13 +56,13 @@ def test_a_line_cut_off_by_a_crash_is_no_episode(tmp_path):
 def test_a_line_that_another_job_is_writing_is_left_alone(tmp_path):
     write(tmp_path, episode(1), tail='{"seed": 3, "tar', name="episodes.1of2.jsonl")
     write(tmp_path, episode(0), name="episodes.0of2.jsonl")
-    assert run_episodes(PROTOCOL, [0, 1], tmp_path, part=Part(0, 2)) == [episode(0), episode(1)]
+    assert run_episodes(PROTOCOL, [0, 1], tmp_path, share=JobShare(0, 2)) == [episode(0), episode(1)]
 
 
 def test_the_last_part_joins_all_of_them_in_order(tmp_path):
     write(tmp_path, episode(1), episode(3), name="episodes.1of2.jsonl")
     write(tmp_path, episode(2), episode(0), name="episodes.0of2.jsonl")
-    run_episodes(PROTOCOL, range(4), tmp_path, part=Part(1, 2))
+    run_episodes(PROTOCOL, range(4), tmp_path, share=JobShare(1, 2))
     assert [path.name for path in tmp_path.iterdir()] == ["episodes.jsonl"]
     assert read_episodes(tmp_path) == [episode(seed) for seed in range(4)]
 
@@ -104,7 +104,7 @@ def test_parts_are_the_episodes_of_one_run_and_go_on_after_a_crash(in_one_go, tm
     folder, whole = in_one_go
     ran = []
     journal = tmp_path / "episodes.1of2.jsonl"
-    run_episodes(ALONE, [7, 8], tmp_path, part=Part(1, 2), on_episode=ran.append)
+    run_episodes(ALONE, [7, 8], tmp_path, share=JobShare(1, 2), on_episode=ran.append)
     assert [each.seed for each in ran] == [8]
     journal.write_text(journal.read_text() + '{"seed": 7, "target": "plu')
     told = []

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from grasping import CentroidPlanner, PublishedPlanner
-from pecgrasp_env.published_figures import (
+from pecgrasp_env.experiments.published_figures import (
     CLAIMS,
     SIDES,
     Side,

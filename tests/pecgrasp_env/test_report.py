@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from grasping.grasp import Grasp, GraspPlan, RegionReport
-from pecgrasp_env.charts import bars, confusion_matrix, curve
-from pecgrasp_env.episode import OUTCOME_WORDS, OUTCOMES, Episode
-from pecgrasp_env.episode_record import ClassifiedObject, EpisodeRecord, load_record, save_record
-from pecgrasp_env.report import ClassifierRecord, ReportRecord, render, stage_times, write_report
+from pecgrasp_env.common.svg_charts import bars, confusion_matrix, curve
+from pecgrasp_env.demo.episode_record import ClassifiedObject, EpisodeRecord, load_record, save_record
+from pecgrasp_env.demo.report import ClassifierRecord, ReportRecord, render, stage_times, write_report
+from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
 
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
 

@@ -10,10 +10,10 @@ import torch
 from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
 
 import pecgrasp_env  # noqa: F401  (registers the task)
+from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv, TaskError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectError
-from pecgrasp_env.placement import PlacementError
 from pecgrasp_env.robot import UR5Robotiq2F140
-from pecgrasp_env.selective_grasp import REGION, SelectiveGraspEnv, TaskError
+from pecgrasp_env.scene.placement import REGION, PlacementError
 from pecgrasp_env.sensor import SensorError
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)

@@ -17,7 +17,7 @@ from pecgrasp_env.sensor import (
     intrinsics_of,
     min_depth,
 )
-from pecgrasp_env.sensor.d435 import correlated_normal, stereo_shadow
+from pecgrasp_env.sensor.d435_noise import correlated_normal, stereo_shadow
 
 CAMERA = D435["424x240"]
 QUIET = D435Noise(subpixel_error=0, edge_hole=0, edge_flying=0, patch_density=0)

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 
 import pecgrasp_env  # noqa: F401  (registers the task)
-from pecgrasp_env.arguments import TaskError
+from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)

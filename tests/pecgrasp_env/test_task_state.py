@@ -12,14 +12,14 @@ from mani_skill.utils.structs.pose import Pose
 from sapien.render import RenderDirectionalLightComponent
 
 import pecgrasp_env  # noqa: F401  (registers the task)
-from pecgrasp_env.arguments import TaskError
-from pecgrasp_env.contacts import FORCE_RANGE_N, held_objects, outward, pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.cloud_observation import CLOUD_HIGH, CLOUD_LOW, sample_cloud
+from pecgrasp_env.envs.contacts import FORCE_RANGE_N, held_objects, outward, pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.reward import potential, reward
+from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
+from pecgrasp_env.envs.task_state import LIFT_HEIGHT, Memory
+from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
-from pecgrasp_env.outcome import LIFT_HEIGHT, Memory
-from pecgrasp_env.reward import potential, reward
 from pecgrasp_env.robot import UR5Robotiq2F140
-from pecgrasp_env.sampled_cloud import CLOUD_HIGH, CLOUD_LOW, sample_cloud
-from pecgrasp_env.selective_grasp import SelectiveGraspEnv
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)
 HOME = np.array([*UR5Robotiq2F140.keyframes["home"].qpos[:6], 0.14, 60.0], np.float32)

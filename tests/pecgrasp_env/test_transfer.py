@@ -8,12 +8,12 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from pec.clouds import load_dataset
+from pec.data.dataset import load_dataset
+from pec.data.shards import read_manifest, read_shard
 from pec.errors import DatasetError
-from pec.shards import read_manifest, read_shard
+from pecgrasp_env.experiments.scene_clouds import capture_scenes
+from pecgrasp_env.experiments.transfer import cluster_interval, run_transfer, table
 from pecgrasp_env.objects import make_object
-from pecgrasp_env.scene_clouds import capture_scenes
-from pecgrasp_env.transfer import cluster_interval, run_transfer, table
 
 CONF = Path(__file__).parents[2] / "conf"
 

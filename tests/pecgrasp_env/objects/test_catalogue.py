@@ -10,7 +10,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from pecgrasp_env.objects import CLASSES, LARS_CLASSES, Catalogue, ObjectError, make_object, open_objects
-from pecgrasp_env.objects.hulls import convex_hull
+from pecgrasp_env.objects.meshing.convex_hulls import convex_hull
 from pecgrasp_env.objects.model import ObjectModel
 
 # Longest, middle and shortest side in mm, kg: what shops sell.

@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pecgrasp_env.objects.hulls import (
+from pecgrasp_env.objects.meshing.convex_hulls import (
     MAX_HULL_FACES,
     MAX_HULL_VERTICES,
     THINNEST,
@@ -20,8 +20,8 @@ from pecgrasp_env.objects.hulls import (
     split_round,
     thickness,
 )
+from pecgrasp_env.objects.meshing.shapes import rings
 from pecgrasp_env.objects.model import centre_of_mass
-from pecgrasp_env.objects.shapes import rings
 
 
 @settings(max_examples=20, deadline=None)

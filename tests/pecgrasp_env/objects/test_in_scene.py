@@ -8,8 +8,8 @@ from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 
 from pecgrasp_env.objects import CLASSES, make_object
-from pecgrasp_env.objects.hulls import convex_hull
-from pecgrasp_env.objects.mesh_files import cache_folder, collision_file, visual_file
+from pecgrasp_env.objects.meshing.convex_hulls import convex_hull
+from pecgrasp_env.objects.meshing.mesh_cache import cache_folder, collision_file, visual_file
 
 
 @pytest.fixture(autouse=True)

@@ -7,9 +7,10 @@ import pytest
 import sapien
 import trimesh
 
-from pecgrasp_env.objects import MeshFolder, ObjectError, decompose, open_objects
+from pecgrasp_env.objects import MeshFolder, ObjectError, open_objects
 from pecgrasp_env.objects import mesh_folder as module
-from pecgrasp_env.objects.mesh_files import cache_folder
+from pecgrasp_env.objects.meshing import convex_decomposition as decompose
+from pecgrasp_env.objects.meshing.mesh_cache import cache_folder
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "meshes"
 

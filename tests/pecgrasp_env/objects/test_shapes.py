@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pecgrasp_env.objects.hulls import hull_volume
-from pecgrasp_env.objects.implicit import blend, ellipsoid, round_cone, rounded_box, surface_net, top_of
-from pecgrasp_env.objects.mesh_files import with_normals
-from pecgrasp_env.objects.shapes import (
+from pecgrasp_env.objects.meshing.convex_hulls import hull_volume
+from pecgrasp_env.objects.meshing.implicit import blend, ellipsoid, round_cone, rounded_box, surface_net, top_of
+from pecgrasp_env.objects.meshing.mesh_cache import with_normals
+from pecgrasp_env.objects.meshing.shapes import (
     Shape,
     block,
     disc,

@@ -9,7 +9,8 @@ import torch
 from mani_skill.envs.sapien_env import BaseEnv
 from scipy.spatial.transform import Rotation
 
-from pecgrasp_env.robot import UR5Robotiq2F140, linkage, nearest_solution, tool0_from_grasp
+from pecgrasp_env.robot import UR5Robotiq2F140, nearest_solution, tool0_from_grasp
+from pecgrasp_env.robot import gripper_linkage as linkage
 
 
 class Bench(BaseEnv):

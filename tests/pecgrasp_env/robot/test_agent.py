@@ -6,7 +6,8 @@ import pytest
 import sapien
 from scipy.spatial.transform import Rotation
 
-from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_TCP, forward_kinematics, linkage
+from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_TCP, forward_kinematics
+from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot.kinematics import JOINT_LIMITS
 from pecgrasp_env.sensor import D435
 

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pecgrasp_env.robot import appearance, description, linkage, surfaces
+from pecgrasp_env.robot import description
+from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.robot import visual_surfaces as surfaces
+from pecgrasp_env.robot import visuals as appearance
 from pecgrasp_env.robot.urdf import robot_urdf
 
 

@@ -6,7 +6,8 @@ import sapien
 from scipy.spatial.transform import Rotation
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.robot import linkage, nearest_solution, tool0_from_grasp
+from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.robot import nearest_solution, tool0_from_grasp
 
 OPENINGS = np.linspace(0, linkage.STROKE, 15)
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pecgrasp_env.robot import linkage
+from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot.kinematics import (
     COUPLER,
     JOINT_LIMITS,

@@ -1,0 +1,151 @@
+"""Holds looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked.
+
+This is the reference of what `kernels.rank` does with each hold: sums and products stand in a fixed order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.curvature_planner.finger_scan import Holds
+from grasping.geometry import exact_math as exact
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CONTOUR_ROWS = 5  # parts of a pad's width over which each contour is drawn
+TOUCHING = 0.006  # m: a contour farther behind the outermost part does not help to hold
+ROUGHNESS = 0.003  # m: pads are soft and clouds are noisy, a contour this near to it helps in full
+CONTACT_BAND = 0.004  # m behind the outermost points: how high the surface is there says how steep it is
+BESIDE = 0.003  # m on either side of a finger that must be free as well
+SEARCH = 0.006  # m beyond the coarse extent in which the object's outermost points are looked for
+MOST_TURN = 0.15  # rad in one step: half of the scan's step and what its resolution adds
+STEPS = 2
+_SIDES = np.array([[1.0], [-1.0]])
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """M holds after refinement, arrays of length M. Lengths in m, angles in rad, frame as for `scan`."""
+
+    heading: FloatArray
+    x: FloatArray
+    y: FloatArray
+    tip: FloatArray
+    width: FloatArray
+    angle: FloatArray  # of the worse contour against its pad
+    contact: FloatArray  # share of the pad's width that touches, worse side: 1 less the contour's lateral curvature
+    overlap: FloatArray  # depth of the pad below the top of the surface that it touches, worse side
+    gap: FloatArray  # free space beside the object, narrower side, cut at `wished_room`; 0 where the palm would hit
+    empty: NDArray[np.bool_]  # too few points between the pads for the rest to mean anything
+
+
+def refine(
+    points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float, reach: float
+) -> Contacts:
+    """Turn and centre each hold on the points between its pads.
+
+    points (3, N): x, y and height of the object. blockers (3, K): what else a finger could hit, and
+    the palm, which is this far (m) behind the tips.
+    """
+    half = 0.5 * pad_width
+    heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
+    search = 0.5 * holds.width + SEARCH
+    points = points[:, points[2] > tip.min(initial=np.inf)]
+    height = points[2]
+    above = height > tip[:, None]
+    for step in range(STEPS + 1):
+        cos, sin = exact.cos(heading), exact.sin(heading)
+        along, across = _turned(points, cos, sin, x, y)
+        between = above & (np.abs(across) <= half) & (np.abs(along) <= search[:, None])
+        chosen = np.flatnonzero(between)
+        hold = chosen // between.shape[1]
+        u = along.reshape(-1)[chosen]
+        contour = _contours(hold, u, across.reshape(-1)[chosen], half, len(tip))
+        slope = _slopes(contour, pad_width) * _SIDES
+        # The second contour is measured backwards, so that outermost is least on either side.
+        outermost = contour.min(axis=2)
+        empty = ~np.isfinite(outermost[0]) | (np.bincount(hold, minlength=len(tip)) < 3)
+        outermost[:, empty] = 0.0
+        start, end = outermost[0], -outermost[1]
+        middle = 0.5 * (start + end)
+        from_x, from_y, x, y = x, y, x + cos * middle, y + sin * middle
+        if step < STEPS:
+            heading = heading - np.clip(exact.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
+
+    point = chosen - hold * between.shape[1]
+    u, top = np.stack([u, -u]), np.full((2, len(tip)), -np.inf)
+    for side in (0, 1):
+        touched = u[side] <= outermost[side, hold] + CONTACT_BAND
+        np.maximum.at(top[side], hold[touched], height[point[touched]])
+    # What is nearer to the object than TOUCHING belongs to the contact itself.
+    distance, beside = _beside(along, across, start, end, half)
+    gap = np.min(distance, axis=1, initial=wished_room, where=above & beside & (distance >= TOUCHING))
+    if blockers.shape[1]:
+        along, across = _turned(blockers, cos, sin, from_x, from_y)
+        distance, beside = _beside(along, across, start, end, half)
+        in_the_way = beside & (distance >= 0.0) & (blockers[2] > tip[:, None])
+        under = beside & (distance < 0.0) & (blockers[2] > (tip + reach)[:, None])
+        gap = np.minimum(gap, np.min(distance, axis=1, initial=wished_room, where=in_the_way))
+        gap = np.where(under.any(axis=1), 0.0, gap)
+    return Contacts(
+        heading=heading,
+        x=x,
+        y=y,
+        tip=tip,
+        width=end - start,
+        angle=np.abs(exact.arctan(slope)).max(axis=0),
+        contact=_support(contour - outermost[:, :, None]).min(axis=0),
+        overlap=np.where(empty, 0.0, top.min(axis=0) - tip),
+        gap=gap,
+        empty=empty,
+    )
+
+
+def _turned(
+    points: FloatArray, cos: FloatArray, sin: FloatArray, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(M, N) coordinates of points (3, N) along and across the closing axes of holds at (x, y)."""
+    px, py, _ = points
+    cos, sin, x, y = cos[:, None], sin[:, None], x[:, None], y[:, None]
+    return (cos * px + sin * py) - (cos * x + sin * y), (cos * py - sin * px) - (cos * y - sin * x)
+
+
+def _contours(hold: IntArray, u: FloatArray, v: FloatArray, half: float, count: int) -> FloatArray:
+    """(2, M, CONTOUR_ROWS) least u and least −u in each row of the pad's width, inf where it is empty.
+
+    u, v: (P,) along and across the closing axis of the point's hold.
+    """
+    row = np.minimum(((v + half) * (CONTOUR_ROWS / (2 * half))).astype(np.int64), CONTOUR_ROWS - 1)
+    key = hold * CONTOUR_ROWS + row
+    contour = np.full((2, count * CONTOUR_ROWS), np.inf)
+    np.minimum.at(contour[0], key, u)
+    np.minimum.at(contour[1], key, -u)
+    return contour.reshape(2, count, CONTOUR_ROWS)
+
+
+def _slopes(contour: FloatArray, pad_width: float) -> FloatArray:
+    """Least-squares slopes (2, M) of contours over those of their rows that are there; 0 where fewer than two are."""
+    there = np.isfinite(contour)
+    count = np.maximum(there.sum(axis=2, keepdims=True), 1)
+    value = np.where(there, contour, 0.0)
+    v = np.where(there, np.arange(CONTOUR_ROWS) * (pad_width / CONTOUR_ROWS), 0.0)
+    v = np.where(there, v - v.sum(axis=2, keepdims=True) / count, 0.0)
+    return (v * value).sum(axis=2) / np.maximum((v * v).sum(axis=2), 1e-12)
+
+
+def _support(behind: FloatArray) -> FloatArray:
+    """Share of the pad that touches, from how far each row of the contour lies behind the outermost point."""
+    return np.clip((TOUCHING - behind) / (TOUCHING - ROUGHNESS), 0.0, 1.0).mean(axis=-1)
+
+
+def _beside(
+    along: FloatArray, across: FloatArray, start: FloatArray, end: FloatArray, half: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(M, N) how far each point lies outside of start … end along the closing axis; whether it is in the pads' way."""
+    distance = np.abs(along - (0.5 * (start + end))[:, None])
+    distance -= (0.5 * (end - start))[:, None]
+    return distance, np.abs(across) <= half + BESIDE

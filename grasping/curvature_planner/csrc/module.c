@@ -1,0 +1,305 @@
+/* The Python side of the compiled kernels: sizes and types are checked here, so that the kernels can trust them.
+ * Arrays come in through the buffer protocol: no header of NumPy is needed, and none of its versions preferred. */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include "planner.h"
+
+#include <string.h>
+
+/* Raised whenever a function here takes or returns something else; grasping/kernels.py names the one that it knows. */
+#define INTERFACE 5
+
+#define MOST_BUFFERS 12
+
+/* The buffers that one call holds. */
+typedef struct {
+    Py_buffer views[MOST_BUFFERS];
+    int count;
+} Held;
+
+static void release(Held *held)
+{
+    while (held->count > 0)
+        PyBuffer_Release(&held->views[--held->count]);
+}
+
+/* A contiguous array of `ndim` dimensions, the first of this length unless that is −1; NULL with an error if not. */
+static Py_buffer *array(Held *held, PyObject *from, const char *name, const char *formats, int ndim, Py_ssize_t first,
+                        int writable)
+{
+    Py_buffer *view = &held->views[held->count];
+    if (PyObject_GetBuffer(from, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0)) < 0)
+        return NULL;
+    held->count++;
+    if (!view->format || strlen(view->format) != 1 || !strchr(formats, view->format[0]) || view->itemsize != 8)
+        PyErr_Format(PyExc_TypeError, "%s: items of another type", name);
+    else if (view->ndim != ndim || (first >= 0 && view->shape[0] != first))
+        PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);
+    else
+        return view;
+    return NULL;
+}
+
+static const double *numbers(Held *held, PyObject *from, const char *name, Py_ssize_t *count)
+{
+    Py_buffer *view = array(held, from, name, "d", 1, *count, 0);
+    if (!view)
+        return NULL;
+    *count = view->shape[0];
+    return view->buf;
+}
+
+static int points(Held *held, PyObject *from, const char *name, Points *out)
+{
+    Py_buffer *view = array(held, from, name, "d", 2, 3, 0);
+    if (!view)
+        return 0;
+    const double *data = view->buf;
+    out->count = view->shape[1];
+    out->x = data;
+    out->y = data + out->count;
+    out->height = data + 2 * out->count;
+    return 1;
+}
+
+static PyObject *failure(ptrdiff_t code)
+{
+    if (code == TOO_LARGE)
+        return PyErr_Format(PyExc_ValueError, "the cloud is too large for a map at this resolution, or not finite");
+    return PyErr_NoMemory();
+}
+
+/* A cloud of at least one point, and its axes. */
+static int cloud_and_axes(Held *held, PyObject *cloud, PyObject *axes, Points *on, const double **turn)
+{
+    Py_buffer *view;
+    if (!points(held, cloud, "cloud", on) || !(view = array(held, axes, "axes", "d", 2, 3, 0)))
+        return 0;
+    *turn = view->buf;
+    if (on->count >= 1 && view->shape[1] == 3)
+        return 1;
+    PyErr_SetString(PyExc_ValueError, "cloud, axes: a point at least and three axes are needed");
+    return 0;
+}
+
+static PyObject *across(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *answer = NULL;
+    double cell, axis[2];
+    if (!PyArg_ParseTuple(arguments, "OOd", &cloud, &axes, &cell))
+        return NULL;
+    Held held = {.count = 0};
+    Points on;
+    const double *turn;
+    if (cloud_and_axes(&held, cloud, axes, &on, &turn)) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = short_side(on, turn, cell, axis);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_BuildValue("dd", axis[0], axis[1]);
+    }
+    release(&held);
+    return answer;
+}
+
+static PyObject *thin(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *thinned, *answer = NULL;
+    double box;
+    if (!PyArg_ParseTuple(arguments, "OOdO", &cloud, &axes, &box, &thinned))
+        return NULL;
+    Held held = {.count = 0};
+    Points on;
+    const double *turn;
+    Py_buffer *out;
+    if (cloud_and_axes(&held, cloud, axes, &on, &turn) && (out = array(&held, thinned, "thinned", "d", 2, 3, 1))) {
+        if (out->shape[1] != on.count) {
+            PyErr_SetString(PyExc_ValueError, "thinned: a column for each point is needed");
+        } else {
+            ptrdiff_t count;
+            Py_BEGIN_ALLOW_THREADS
+            count = thin_cloud(on, turn, box, out->buf);
+            Py_END_ALLOW_THREADS
+            answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
+static PyObject *place(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *local, *answer = NULL;
+    double table_height, cell, middle[3], centre[2];
+    if (!PyArg_ParseTuple(arguments, "OOddO", &cloud, &axes, &table_height, &cell, &local))
+        return NULL;
+    Held held = {.count = 0};
+    Points on;
+    const double *turn;
+    Py_buffer *out;
+    if (cloud_and_axes(&held, cloud, axes, &on, &turn) && (out = array(&held, local, "local", "d", 2, 3, 1))) {
+        if (out->shape[1] != on.count) {
+            PyErr_SetString(PyExc_ValueError, "local: a column for each point is needed");
+        } else {
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = place_cloud(on, turn, table_height, cell, out->buf, middle, centre);
+            Py_END_ALLOW_THREADS
+            answer = code ? failure(code)
+                          : Py_BuildValue("ddddd", middle[0], middle[1], middle[2], centre[0], centre[1]);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
+static PyObject *scan(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *object, *others, *tips, *headings, *cosines, *sines, *holds;
+    ScanSettings settings;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOddddddiiO", &object, &others, &tips, &headings, &cosines, &sines,
+                          &settings.pad_width, &settings.wished_room, &settings.greatest_width, &settings.reach,
+                          &settings.centre_x, &settings.centre_y, &settings.finger, &settings.wished, &holds))
+        return NULL;
+    if (!(settings.pad_width > 0.0) || settings.finger < 1 || settings.wished < settings.finger ||
+        settings.wished > 1000000)
+        return PyErr_Format(PyExc_ValueError, "pad_width, finger or wished is out of range");
+    Held held = {.count = 0};
+    Points on, around;
+    Py_buffer *out;
+    PyObject *answer = NULL;
+    settings.tip_count = settings.heading_count = -1;
+    if (points(&held, object, "object", &on) && points(&held, others, "others", &around) &&
+        (settings.tips = numbers(&held, tips, "tips", &settings.tip_count)) &&
+        (settings.headings = numbers(&held, headings, "headings", &settings.heading_count)) &&
+        (settings.cosines = numbers(&held, cosines, "cosines", &settings.heading_count)) &&
+        (settings.sines = numbers(&held, sines, "sines", &settings.heading_count)) &&
+        (out = array(&held, holds, "holds", "d", 2, HOLD_TERMS, 1))) {
+        if (out->shape[1] != MEASURED) {
+            PyErr_Format(PyExc_ValueError, "holds: %d columns are needed", MEASURED);
+        } else {
+            ScanResult result;
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = scan_holds(on, around, &settings, out->buf, &result);
+            Py_END_ALLOW_THREADS
+            answer = code ? failure(code) : Py_BuildValue("ndd", result.count, result.too_wide, result.narrowest);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
+static int are_rules(const Rules *rules)
+{
+    const double tried = rules->refined + 2.0 * rules->slid + rules->candidates + rules->centred;
+    return rules->pad_width > 0.0 && rules->refined >= 1.0 && rules->slid >= 0.0 && rules->centred >= 0.0 &&
+           rules->candidates >= 0.0 && tried <= MOST_TRIED;
+}
+
+static PyObject *rank(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *object, *others, *holds, *terms, *ranked, *problems;
+    Py_ssize_t count, length = sizeof(Rules) / sizeof(double);
+    double centre_x, centre_y;
+    if (!PyArg_ParseTuple(arguments, "OOOnddOOO", &object, &others, &holds, &count, &centre_x, &centre_y, &terms,
+                          &ranked, &problems))
+        return NULL;
+    Held held = {.count = 0};
+    Points on, around;
+    Py_buffer *coarse, *out, *refusals;
+    const double *numbered;
+    PyObject *answer = NULL;
+    if (points(&held, object, "object", &on) && points(&held, others, "others", &around) &&
+        (coarse = array(&held, holds, "holds", "d", 2, HOLD_TERMS, 0)) &&
+        (numbered = numbers(&held, terms, "rules", &length)) &&
+        (out = array(&held, ranked, "ranked", "d", 2, RANKED_TERMS, 1)) &&
+        (refusals = array(&held, problems, "problems", "lq", 1, MOST_TRIED, 1))) {
+        const Py_ssize_t stride = coarse->shape[1];
+        Rules rules;
+        memcpy(&rules, numbered, sizeof(rules));
+        if (out->shape[1] != MOST_TRIED || count < 1 || count > stride || count > MEASURED || !are_rules(&rules)) {
+            PyErr_Format(PyExc_ValueError, "holds, rules or ranked: out of range");
+        } else {
+            ptrdiff_t found, refused;
+            Py_BEGIN_ALLOW_THREADS
+            found = rank_holds(on, around, coarse->buf, stride, count, centre_x, centre_y, &rules, out->buf,
+                               refusals->buf, &refused);
+            Py_END_ALLOW_THREADS
+            answer = found < 0 ? failure(found) : Py_BuildValue("nn", found, refused);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
+static PyObject *survey(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *object, *hold_x, *hold_y, *order, *parts, *measures;
+    double slab_height, flat;
+    if (!PyArg_ParseTuple(arguments, "OOOddOOO", &object, &hold_x, &hold_y, &slab_height, &flat, &order, &parts,
+                          &measures))
+        return NULL;
+    if (!(slab_height > 0.0))
+        return PyErr_Format(PyExc_ValueError, "slab_height must be positive");
+    Held held = {.count = 0};
+    Points on;
+    Py_buffer *orders, *table, *measured;
+    Py_ssize_t count = -1;
+    const double *xs, *ys;
+    PyObject *answer = NULL;
+    if (points(&held, object, "object", &on) && (xs = numbers(&held, hold_x, "hold_x", &count)) &&
+        (ys = numbers(&held, hold_y, "hold_y", &count)) &&
+        (orders = array(&held, order, "order", "lq", 1, on.count, 1)) &&
+        (table = array(&held, parts, "parts", "lq", 2, on.count, 1)) &&
+        (measured = array(&held, measures, "measures", "d", 2, on.count, 1))) {
+        if (table->shape[1] != PART_COUNTS || measured->shape[1] != PART_MEASURES) {
+            PyErr_Format(PyExc_ValueError, "parts, measures: %d and %d columns are needed", PART_COUNTS, PART_MEASURES);
+        } else {
+            ptrdiff_t found;
+            Py_BEGIN_ALLOW_THREADS
+            found = survey_regions(on, xs, ys, count, slab_height, flat, orders->buf, table->buf, measured->buf);
+            Py_END_ALLOW_THREADS
+            answer = found < 0 ? failure(found) : PyLong_FromSsize_t(found);
+        }
+    }
+    release(&held);
+    return answer;
+}
+
+static PyMethodDef methods[] = {
+    {"short_side", across, METH_VARARGS, "See projection.short_side: returns the direction."},
+    {"thin", thin, METH_VARARGS, "See projection.thin: fills `thinned`, returns the number of points."},
+    {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns middle and centre."},
+    {"scan", scan, METH_VARARGS, "See profiles.scan: fills `holds`, returns (count, too_wide, narrowest)."},
+    {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
+    {"survey", survey, METH_VARARGS, "See survey.measured_parts: fills `order`, `parts` and `measures`, returns their number."},
+    {NULL, NULL, 0, NULL},
+};
+
+static int execute(PyObject *module)
+{
+    return PyModule_AddIntConstant(module, "INTERFACE", INTERFACE);
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};
+
+static struct PyModuleDef definition = {
+    .m_base = PyModuleDef_HEAD_INIT,
+    .m_name = "grasping._kernels",
+    .m_doc = "The compiled half of the planner's hot path. grasping/kernels.py is its only caller.",
+    .m_methods = methods,
+    .m_slots = slots,
+};
+
+PyMODINIT_FUNC PyInit__kernels(void)
+{
+    return PyModuleDef_Init(&definition);
+}

@@ -1,0 +1,233 @@
+"""The planner for a real arm: one depth camera's view of an object on a table → grasps that the arm can take.
+
+It keeps the dissertation's order of ideas (axes, slabs and their parts, primitives, lateral curvature: `published.py`)
+and departs from it where a one-sided cloud and a real hand ask for it:
+
+- The approach is straight down on the table, or tilted where nothing else is left; without a table it is along the
+  cloud's own axes.
+- Slabs lie across every heading of the gripper, not only across the long axis, and overlap (`profiles.scan`).
+- What the camera cannot see below a seen surface counts as the object, down to the table.
+- Lateral curvature is measured on the contour under the pad (`contacts.refine`), at one length, that of the pad; σ of a
+  number of neighbours depends on the density of the cloud and on the view.
+- Fingers must come down beside the object, clear of the table and of the neighbours, and the palm clear of what hangs
+  over it.
+- Of the holds at one place, which hardly differ, the middle is taken (`plateaus`), so that noise hardly moves it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasping.curvature_planner import compiled_backend as kernels
+from grasping.curvature_planner import numpy_backend as reference
+from grasping.curvature_planner.approach_view import View, views_from_above, views_without_table
+from grasping.curvature_planner.contact_refinement import CONTACT_BAND
+from grasping.curvature_planner.finger_scan import Holds
+from grasping.curvature_planner.ranking import LEAST_OVERLAP, Ranked, Rules
+from grasping.curvature_planner.region_report import Survey, survey
+from grasping.errors import ConfigError, require_between
+from grasping.grasp import Grasp, GraspPlan, plan_from
+from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.validation import object_cloud, require_near, workspace
+
+if TYPE_CHECKING:
+    from grasping.baselines.published.planner import PublishedPlanner
+
+FloatArray = NDArray[np.float64]
+
+PALM_CLEARANCE = 0.01  # m above whatever is under the palm
+DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
+
+
+class CurvaturePlanner:
+    """Plan grasps for a two-finger gripper on the cloud of one object.
+
+    side_clearance: free space between an open pad and the object on the way in, m.
+    tip_clearance: the tips stay this far above a known table, m.
+    stroke_margin: the opening at contact stays this far below the stroke, m.
+    friction: coefficient between pad and object; contacts outside its cone slip.
+    headings: number of closing directions that the scan tries over half a turn; each hold found is then turned freely.
+    max_tilt: of the approach against straight down, rad, where straight down finds nothing; 0 never tilts.
+    n_points: larger clouds are thinned, to boxes of 2.5 mm and, along the approach, 10 mm.
+    compiled: whether to plan with the compiled kernels or with their NumPy reference, which finds the same more slowly;
+        None takes the kernels where this installation has them (`grasping.compiled`).
+
+    Terms of a grasp: those of the score (`scoring.WEIGHTS`) and, for the policy, `opening`: to come in with, m;
+    `tip_height`: of the tips above the table, or above the lowest point seen, m; `tilt`: of the approach, rad.
+    """
+
+    def __init__(
+        self,
+        gripper: Gripper = ROBOTIQ_2F_140,
+        *,
+        side_clearance: float = 0.005,
+        tip_clearance: float = 0.004,
+        stroke_margin: float = 0.010,
+        friction: float = 0.4,
+        headings: int = 12,
+        max_tilt: float = math.radians(35),
+        n_points: int = 4000,
+        compiled: bool | None = None,
+    ) -> None:
+        for name, value, least, most in (
+            ("side_clearance", side_clearance, 0.0, gripper.stroke / 2),
+            ("tip_clearance", tip_clearance, 0.0, 0.1),
+            ("stroke_margin", stroke_margin, 0.0, 0.9 * gripper.stroke),
+            ("friction", friction, 0.05, 5.0),
+            ("headings", headings, 2, 180),
+            ("max_tilt", max_tilt, 0.0, 1.2),
+            ("n_points", n_points, 50, 10**7),
+            ("gripper.finger_width", gripper.finger_width, 0.001, 1.0),  # the scan's lines are a third of it
+        ):
+            require_between(name, value, least, most)
+        self.gripper = gripper
+        self.side_clearance = side_clearance
+        self.tip_clearance = tip_clearance
+        self.stroke_margin = stroke_margin
+        self.friction = friction
+        self.headings = headings
+        self.max_tilt = max_tilt
+        self.n_points = n_points
+        if compiled and not kernels.AVAILABLE:
+            raise ConfigError("compiled = True, but this installation has no compiled kernels")
+        if self._reach <= LEAST_OVERLAP:
+            raise ConfigError(
+                f"gripper.palm_depth = {gripper.palm_depth!r}: at the greatest opening the tips are not even "
+                f"{(LEAST_OVERLAP + PALM_CLEARANCE) * 1e3:.0f} mm in front of the palm"
+            )
+        self._by = kernels if kernels.AVAILABLE and compiled is not False else reference
+        self._headings = np.linspace(0.0, np.pi, headings, endpoint=False)
+        finger_room = side_clearance + gripper.finger_thickness
+        self._rules = Rules(
+            pad_width=gripper.finger_width,
+            stroke=gripper.stroke,
+            finger_thickness=gripper.finger_thickness,
+            finger_room=finger_room,
+            wished_room=finger_room + 0.015,
+            greatest_width=gripper.stroke - stroke_margin,
+            reach=self._reach,
+            friction=friction,
+        )
+        # From above an object may be too flat to show how steep its sides are. A tilted hand must see it: the edge of a
+        # box, seen so, is a ridge between two slopes.
+        self._rules_tilted = replace(self._rules, least_overlap=max(self._rules.least_overlap, CONTACT_BAND / friction))
+
+    @staticmethod
+    def published(gripper: Gripper = ROBOTIQ_2F_140, **left_open: Any) -> PublishedPlanner:
+        """The planner of the dissertation's chapter 5. `PublishedPlanner` names what its text leaves open."""
+        from grasping.baselines.published.planner import (
+            PublishedPlanner,  # loads SciPy, which this planner does without
+        )
+
+        return PublishedPlanner(gripper, **left_open)
+
+    def plan(
+        self,
+        points: ArrayLike,
+        *,
+        up: ArrayLike | None = None,
+        table: ArrayLike | None = None,
+        obstacles: ArrayLike | None = None,
+    ) -> GraspPlan:
+        """Plan on the cloud (N, 3) of one object, m, in any frame.
+
+        up: (3,) away from the table. table: plane (4,), n·p + d = 0. obstacles: (K, 3) points of other things.
+        All in the cloud's frame. Raises CloudError for a cloud, ConfigError for a scene that is none.
+        """
+        cloud = object_cloud(points)
+        up_vector, plane, neighbours = workspace(up, table, obstacles)
+        if plane is not None:
+            require_near(cloud, plane)
+        cloud = np.ascontiguousarray(cloud.T)
+        if up_vector is None:
+            views = views_without_table(cloud, neighbours, self.n_points, self._by)
+        else:
+            views = views_from_above(cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._by)
+        seen: Survey | None = None
+        failures: list[str] = []
+        for view in views:
+            ranked, holds, reason = self._plan_view(view)
+            if seen is None:
+                parts = self._by.measured_parts(view, holds, self.gripper.finger_width)
+                seen = survey(view, parts, self._rules.greatest_width)
+            if ranked is not None:
+                return plan_from(self._grasps(view, ranked, seen), seen.regions, "")
+            failures.append(reason)
+        return plan_from([], [] if seen is None else seen.regions, failures[0])
+
+    @property
+    def _reach(self) -> float:
+        """From the tips to the palm at the greatest opening, where it is least, less the palm's clearance, m."""
+        tips = self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length
+        return tips - self.gripper.palm_depth - PALM_CLEARANCE
+
+    def _plan_view(self, view: View) -> tuple[Ranked | None, Holds | None, str]:
+        """What holds along one approach; the coarse holds; why there is none."""
+        rules = self._rules_tilted if view.tilt else self._rules
+        top = float(view.points[2, -1])
+        lowest = max(view.floor + self.tip_clearance, top - self._reach)
+        deepest_top = top - rules.least_overlap
+        if deepest_top <= lowest:
+            high, clear = (top - view.floor) * 1e3, self.tip_clearance * 1e3
+            return None, None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"
+        step = max(DEPTH_STEP, (deepest_top - lowest) / MOST_DEPTHS)
+        count = min(MOST_DEPTHS, math.ceil((deepest_top - lowest) / step))
+        found = self._by.scan(
+            view.points,
+            view.obstacles,
+            tips=lowest + step * np.arange(count, dtype=np.float64),
+            headings=self._headings,
+            pad_width=rules.pad_width,
+            finger_room=rules.finger_room,
+            wished_room=rules.wished_room,
+            greatest_width=rules.greatest_width,
+            reach=rules.reach,
+            centre=view.centre,
+        )
+        holds: Holds = found.holds
+        wide, most = found.narrowest * 1e3, rules.greatest_width * 1e3
+        if not len(holds):
+            if found.too_wide:
+                return None, holds, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
+            where = "something stands beside the object, or hangs over it, on every line across it"
+            return None, holds, f"no room for the fingers: {where}"
+        ranked: Ranked = self._by.rank(view, holds, rules)
+        if not ranked.problems:
+            return ranked, holds, ""
+        refused = Counter(ranked.problems)
+        reason = f"none of the {len(ranked.problems)} best places holds: "
+        reason += "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
+        if found.too_wide:
+            reason += f"; elsewhere the object is at least {wide:.0f} mm wide and the gripper takes {most:.0f} mm"
+        return None, holds, reason
+
+    def _grasps(self, view: View, ranked: Ranked, seen: Survey) -> list[Grasp]:
+        contacts = ranked.contacts
+        x, y, tip = contacts.x, contacts.y, contacts.tip
+        count, cos, sin = len(x), np.cos(contacts.heading), np.sin(contacts.heading)
+        # Seen along the approach, a row each: the closing axis, the axis across it, the approach, the tips.
+        local = np.zeros((count, 4, 3))
+        local[:, 0, 0], local[:, 0, 1], local[:, 1, 0], local[:, 1, 1] = cos, sin, sin, -cos
+        local[:, 2, 2] = -1.0
+        local[:, 3, 0], local[:, 3, 1], local[:, 3, 2] = x, y, tip
+        poses = np.zeros((count, 4, 4))
+        poses[:, :3] = (local @ view.axes.T).transpose(0, 2, 1)
+        tips = poses[:, :3, 3] + view.origin
+        poses[:, :3, 3] = tips + 0.5 * self.gripper.pad_length * view.axes[:, 2]
+        poses[:, 3, 3] = 1.0
+        own = {**ranked.terms, "tip_height": tip - view.floor, "tilt": np.full(count, view.tilt)}
+        rows = [dict(zip(own, row, strict=True)) for row in np.array(list(own.values())).T.tolist()]
+        whole = np.zeros(count, dtype=bool)  # held at the centre of an object that is one primitive
+        if seen.one_primitive():
+            whole = np.hypot(x - view.centre[0], y - view.centre[1]) < 0.5 * self.gripper.finger_width
+        columns = (poses, contacts.width.tolist(), ranked.score.tolist(), whole.tolist(), seen.regions_at(tips), rows)
+        return [
+            Grasp(pose, width, score, "primitive" if all_of_it else "region", None if all_of_it else region, terms)
+            for pose, width, score, all_of_it, region, terms in zip(*columns, strict=True)
+        ]

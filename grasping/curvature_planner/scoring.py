@@ -1,0 +1,68 @@
+"""How good a hold is, as one number, and which holds of the coarse scan are worth a closer look."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.curvature_planner.finger_scan import Holds
+
+FloatArray = NDArray[np.float64]
+
+# Weights of the terms, each in [0, 1]; a score is their weighted mean.
+WEIGHTS = {
+    "contact": 0.18,  # share of the pads' width that touches: one minus the contour's lateral curvature
+    "angle": 0.17,  # how far within the friction cone the contacts are
+    "overlap": 0.25,  # how deep the pads reach beside the surface that they touch
+    "centre": 0.20,  # nearness to the centre of mass
+    "room": 0.10,  # free space for the fingers beyond what they need
+    "narrow": 0.05,  # across the narrow side
+    "whole": 0.02,  # around all of the slab and not around a part of it
+}
+OVERLAP = ((0.5, 0.015), (0.1, 0.045), (0.4, 0.130))  # shares of the term, earned up to these depths, m
+REFINED = 16  # holds of the coarse scan that are looked at closely
+ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # holds nearer than this are one
+ALIKE_TIP = 0.0225  # m
+FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
+
+
+def weigh(terms: dict[str, FloatArray]) -> FloatArray:
+    """Weighted mean of those terms that have a weight."""
+    weights = {name: WEIGHTS[name] for name in terms if name in WEIGHTS}
+    return sum((weight * terms[name] for name, weight in weights.items()), np.zeros(())) / sum(weights.values())
+
+
+def overlap_term(overlap: FloatArray) -> FloatArray:
+    """1 from 130 mm beside the surface; half of it is earned with the first 15 mm, most of the rest goes to depth."""
+    (first, shallow), (second, deep), (third, deepest) = OVERLAP
+    return first * clip(overlap / shallow) + second * clip(overlap / deep) + third * clip(overlap / deepest)
+
+
+def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray) -> FloatArray:
+    """1 at the centre of mass."""
+    x, y = x - centre[0], y - centre[1]
+    return clip(1.0 - np.sqrt(x * x + y * y) / FAR_FROM_CENTRE)
+
+
+def clip(share: FloatArray) -> FloatArray:
+    """Cut to [0, 1]."""
+    return np.minimum(np.maximum(share, 0.0), 1.0)
+
+
+def best_unlike(holds: Holds, score: FloatArray) -> NDArray[np.int64]:
+    """The best holds, each unlike those before it in place, heading or depth."""
+    chosen: list[int] = []
+    score = score.copy()
+    for _ in range(REFINED):
+        best = int(score.argmax())
+        if score[best] == -np.inf:
+            break
+        chosen.append(best)
+        turn = np.abs(holds.heading - holds.heading[best])
+        turn = np.minimum(turn, np.pi - turn)
+        place = np.square(holds.x - holds.x[best]) + np.square(holds.y - holds.y[best])
+        alike = (place < ALIKE_PLACE**2) & (turn < ALIKE_HEADING)
+        score[alike & (np.abs(holds.tip - holds.tip[best]) < ALIKE_TIP)] = -np.inf
+    return np.array(chosen)

@@ -1,0 +1,1 @@
+"""From files with clouds to grasps: a table, `results.json` and a page to look at."""

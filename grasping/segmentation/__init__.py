@@ -1,0 +1,1 @@
+"""A depth frame or a cloud of a table → the clouds of the objects on it."""

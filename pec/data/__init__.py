@@ -1,0 +1,1 @@
+"""Labelled clouds: shards on disk, splits, and the tensors that training reads."""

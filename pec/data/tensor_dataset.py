@@ -1,0 +1,96 @@
+"""A whole data set as one tensor of candidates, sampled once and cached under the hash of what decides it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+from tqdm import tqdm
+
+from pec.data.dataset import CloudDataset, remove_around_random_point
+from pec.preprocessing.preprocess import Preprocess
+
+__all__ = ["PreparedClouds", "prepare"]
+
+
+@dataclass(frozen=True)
+class PreparedClouds:
+    """candidates (n, K, 3) float32, valid (n, K) bool, labels (n,) int64: what `Preprocess.arrange` takes."""
+
+    candidates: torch.Tensor
+    valid: torch.Tensor
+    labels: torch.Tensor
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def subset(self, indices: np.ndarray) -> PreparedClouds:
+        index = torch.as_tensor(indices)
+        return PreparedClouds(self.candidates[index], self.valid[index], self.labels[index])
+
+    def to(self, device: torch.device) -> PreparedClouds:
+        return PreparedClouds(self.candidates.to(device), self.valid.to(device), self.labels.to(device))
+
+
+def prepare(
+    dataset: CloudDataset,
+    preprocess: Preprocess,
+    *,
+    removed: float = 0.0,
+    seed: int = 0,
+    cache: str | os.PathLike[str] | None = None,
+    progress: bool = False,
+) -> PreparedClouds:
+    """Sample every cloud of `dataset`; sample i draws from (seed, i), so subsets and order of work change nothing.
+
+    removed: greatest fraction that the published defect takes from each cloud first, as far as enough points remain.
+    cache: directory of files that a later call with equal settings and data reads instead.
+    """
+    path = None
+    if cache is not None:
+        path = Path(cache) / f"{_key(dataset, preprocess, removed, seed)}.safetensors"
+        if path.is_file():
+            try:
+                return _prepared(load_file(path), dataset)
+            except SafetensorError:
+                path.unlink()  # a broken cache is only lost time
+    candidates = np.zeros((len(dataset), preprocess.n_candidates, 3), np.float32)
+    counts = np.zeros(len(dataset), np.int64)
+    for index in tqdm(range(len(dataset)), desc="preprocessing", unit="cloud", disable=not progress, leave=False):
+        rng = np.random.default_rng((seed, index))
+        points = dataset.cloud(index)
+        if removed:
+            reduced = remove_around_random_point(points, removed, rng)
+            points = reduced if len(reduced) >= preprocess.n_points else points
+        sample = preprocess.sample(points, rng)
+        candidates[index, : len(sample)] = sample
+        counts[index] = len(sample)
+    arrays: dict[str, np.ndarray] = {"candidates": candidates, "counts": counts}
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+        save_file(arrays, temporary)
+        os.replace(temporary, path)
+    return _prepared(arrays, dataset)
+
+
+def _prepared(arrays: dict[str, np.ndarray], dataset: CloudDataset) -> PreparedClouds:
+    candidates = torch.from_numpy(arrays["candidates"])
+    valid = torch.arange(candidates.shape[1])[None] < torch.from_numpy(arrays["counts"])[:, None]
+    return PreparedClouds(candidates, valid, torch.from_numpy(dataset.labels))
+
+
+def _key(dataset: CloudDataset, preprocess: Preprocess, removed: float, seed: int) -> str:
+    digest = hashlib.sha256()
+    sampling = {name: asdict(preprocess)[name] for name in ("n_points", "n_candidates", "sampling", "start")}
+    digest.update(json.dumps([1, sampling, removed, seed, dataset.fingerprint]).encode())
+    for array in (dataset.offsets, dataset.labels, dataset.instances):
+        digest.update(array.tobytes())
+    return digest.hexdigest()[:24]

@@ -1,0 +1,142 @@
+"""Predictions over many clouds, and what they are worth: accuracy, confusion, calibration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from pec.networks.registry import fast_forward
+from pec.preprocessing.preprocess import Preprocess
+
+__all__ = [
+    "FALSE_REJECTIONS",
+    "Scores",
+    "arrange_views",
+    "expected_calibration_error",
+    "fit_temperature",
+    "log_probabilities",
+    "predict_log_probabilities",
+    "rejection_threshold",
+    "score",
+]
+
+FALSE_REJECTIONS = 0.01
+"""Share of clouds of known classes that may be called unknown: one in a hundred is looked at again."""
+
+_BATCH = 512  # clouds at once: bounds memory, changes no result
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Accuracy in [0, 1], mean cross-entropy, confusion[truth][prediction] counts, accuracy of each class."""
+
+    accuracy: float
+    loss: float
+    confusion: list[list[int]]
+    per_class: list[float]
+    calibration_error: float
+
+
+def predict_log_probabilities(
+    model: nn.Module, preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor
+) -> torch.Tensor:
+    """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses."""
+    forward = fast_forward(model)
+    blocks = zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True)
+    return torch.cat([_of_block(forward, _views(preprocess, *block)) for block in blocks])
+
+
+def arrange_views(preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
+    """Inputs (B, V, n_points, 3), one a valid pose, for `log_probabilities`: for clouds that are evaluated often."""
+    blocks = zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True)
+    return torch.cat([_views(preprocess, *block) for block in blocks])
+
+
+def log_probabilities(model: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+    """As `predict_log_probabilities`, of inputs that `arrange_views` made."""
+    forward = fast_forward(model)
+    return torch.cat([_of_block(forward, block) for block in inputs.split(_BATCH)])
+
+
+def _views(preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
+    n_views = preprocess.n_views
+    view = torch.arange(n_views, device=candidates.device).repeat(len(candidates))
+    copies = candidates.repeat_interleave(n_views, dim=0), valid.repeat_interleave(n_views, dim=0)
+    return preprocess.arrange(*copies, view).unflatten(0, (len(candidates), n_views))
+
+
+@torch.no_grad()
+def _of_block(forward: Callable[[torch.Tensor], torch.Tensor], inputs: torch.Tensor) -> torch.Tensor:
+    logits = forward(inputs.flatten(0, 1)).unflatten(0, inputs.shape[:2])
+    return average_views(logits.transpose(0, 1))
+
+
+def average_views(logits: torch.Tensor) -> torch.Tensor:
+    """(V, B, C) logits → (B, C) log of the mean probability over the V views."""
+    return torch.logsumexp(logits.log_softmax(dim=2), dim=0) - math.log(len(logits))
+
+
+def score(log_probabilities: torch.Tensor, labels: torch.Tensor, temperature: float = 1.0) -> Scores:
+    """Scores of (B, C) log-probabilities against (B,) labels."""
+    n_classes = log_probabilities.shape[1]
+    tempered = (log_probabilities / temperature).log_softmax(dim=1)
+    predicted = tempered.argmax(dim=1)
+    confusion = torch.zeros(n_classes, n_classes, dtype=torch.int64)
+    confusion.index_put_((labels.cpu(), predicted.cpu()), torch.ones(len(labels), dtype=torch.int64), accumulate=True)
+    return Scores(
+        accuracy=(predicted == labels).double().mean().item(),
+        loss=torch.nn.functional.nll_loss(tempered, labels).item(),
+        confusion=confusion.tolist(),
+        per_class=(confusion.diag() / confusion.sum(dim=1).clamp_min(1)).tolist(),
+        calibration_error=expected_calibration_error(tempered.exp(), labels),
+    )
+
+
+def expected_calibration_error(probabilities: torch.Tensor, labels: torch.Tensor, n_bins: int = 15) -> float:
+    """Mean |confidence - accuracy| over `n_bins` equal bins of confidence, weighted by their share of samples."""
+    confidence, predicted = probabilities.max(dim=1)
+    correct = (predicted == labels).to(probabilities.dtype)
+    bins = (confidence * n_bins).long().clamp_max(n_bins - 1)
+    gap = torch.zeros(n_bins, dtype=probabilities.dtype, device=probabilities.device)
+    gap.index_add_(0, bins, confidence - correct)
+    return (gap.abs().sum() / len(labels)).item()
+
+
+def fit_temperature(log_probabilities: torch.Tensor, labels: torch.Tensor) -> float:
+    """The temperature in [0.05, 20] that minimises the cross-entropy (Guo et al. 2017), by golden section in its log.
+
+    The cross-entropy is convex in 1 / temperature, so there is one minimum. Of n clouds that were all right it follows
+    no more than (n + 1) / (n + 2) (the targets of Platt 1999); without that, the best temperature would be zero.
+    """
+    scores = log_probabilities.double()
+    n, n_classes = scores.shape
+    smoothing = n_classes / ((n_classes - 1) * (n + 2))
+
+    def loss(log_temperature: float) -> float:
+        temperature = torch.tensor(log_temperature, dtype=torch.float64).exp()
+        return torch.nn.functional.cross_entropy(scores / temperature, labels, label_smoothing=smoothing).item()
+
+    low, high = float(torch.tensor(0.05).log()), float(torch.tensor(20.0).log())
+    ratio = (5**0.5 - 1) / 2
+    while high - low > 1e-3:
+        first, second = high - ratio * (high - low), low + ratio * (high - low)
+        if loss(first) <= loss(second):
+            high = second
+        else:
+            low = first
+    return float(torch.tensor((low + high) / 2).exp())
+
+
+def rejection_threshold(confidences: torch.Tensor, rate: float = FALSE_REJECTIONS) -> float:
+    """The confidence below which at most the share `rate` of known objects fall, from those (n,) of a validation split.
+
+    The k-th smallest, k = ⌊rate · (n + 1)⌋: a new cloud like those falls below it with probability at most k / (n + 1)
+    (the rank of one among exchangeable draws, as in split conformal prediction). 0, which rejects nothing, where n is
+    too small to promise the rate.
+    """
+    k = math.floor(rate * (len(confidences) + 1))
+    return confidences.sort().values[k - 1].item() if k else 0.0

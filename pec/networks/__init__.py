@@ -1,0 +1,1 @@
+"""PEC, its successor and the networks that they are compared with."""

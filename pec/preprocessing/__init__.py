@@ -1,0 +1,1 @@
+"""From a raw cloud to the few ordered points that a network takes."""

@@ -1,0 +1,54 @@
+"""The compiled kernels that preprocess one cloud, behind the signatures of their references.
+
+`AVAILABLE` says whether this installation has them: without a compiler at hand, or after a change of the sources that
+was not built yet, it has not, and the references do their work.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+__all__ = ["AVAILABLE", "arranged", "farthest_points", "group_order"]
+
+INTERFACE = 1  # as in _kernels.c
+
+
+def _load() -> Any:
+    try:
+        from pec.preprocessing import _kernels
+    except ImportError:
+        return None
+    return _kernels if getattr(_kernels, "INTERFACE", None) == INTERFACE else None
+
+
+_KERNELS = _load()
+AVAILABLE = _KERNELS is not None
+
+
+def farthest_points(points: np.ndarray, n: int, start: int | None) -> np.ndarray | None:
+    """`preprocess.farthest_points`, to the last bit; None where that must judge what is wrong with the points."""
+    sampled = np.empty((n, 3), np.float32)
+    ordinary = _KERNELS.sample(np.ascontiguousarray(points), -1 if start is None else start, sampled)
+    return sampled if ordinary else None
+
+
+def group_order(points: np.ndarray, group_size: int) -> np.ndarray:
+    """`ordering.group_order` of one cloud (n, 3) float32, to the last bit."""
+    order = np.empty(len(points), np.int64)
+    _KERNELS.group(points, group_size, order)
+    return order
+
+
+def arranged(
+    candidates: np.ndarray, anchors: np.ndarray, signs: np.ndarray, *, principal: bool, each_axis: bool
+) -> np.ndarray:
+    """Candidates (K, 3) that are nearest to the anchors (n, 3), in each of the poses signs (V, 3): (V, n, 3) float32.
+
+    As `pose.principal_pose` and `ordering.nearest_candidates` in turn, but for rounding: inside it is double precision.
+    The signs of principal axes are left as they come, in a right-handed frame: all four views are the same four.
+    """
+    out = np.empty((len(signs), len(anchors), 3), np.float32)
+    _KERNELS.arrange(candidates, anchors, signs, principal, each_axis, out)
+    return out

@@ -1,0 +1,5 @@
+"""Training runs: settings, the loop, and what a finished run leaves."""
+
+from pec.training.train import train
+
+__all__ = ["train"]

@@ -1,0 +1,176 @@
+"""The settings of a training run, from a Hydra config or any mapping; an unknown or senseless one is an error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from typing import Any, TypeVar, get_type_hints
+
+from pec.data.augment import Augment
+from pec.data.dataset import SIZES
+from pec.errors import ConfigError
+from pec.networks.registry import MODELS
+from pec.preprocessing.preprocess import Preprocess
+
+__all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "flat_settings", "read_config"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """path: a generated data set's directory or a ModelNet .npz. classes: None for all. split: "sample", "instance" or
+    "official". train_fraction: share of train and validation together. removed: greatest fraction that the published
+    defect takes from every cloud, test ones too. size: of clouds that were scaled to one size, as ModelNet's: as they
+    are "stored", or of the "mesh" (`pec.data.dataset.CloudDataset.in_mesh_size`)."""
+
+    path: str
+    classes: list[str] | None = None
+    split: str = "sample"
+    train_fraction: float = 0.75
+    validation_fraction: float = 0.1
+    samples_per_instance: int | None = None
+    removed: float = 0.0
+    size: str = "stored"
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """name: of `pec.networks.registry.MODELS`."""
+
+    name: str = "pec"
+
+
+@dataclass(frozen=True)
+class ProtocolConfig:
+    """selection: "validation" (honest: the epoch is chosen on a part cut from train, test is read once at the end) or
+    "evaluation split" (published: the best epoch on the split that is also reported). batch_size None: full batch.
+    initial_weights: torch's "default", or "scaled" to the data (`pec.networks.initialise`). precision: of the
+    products in training, "float32" or "bfloat16" (torch.autocast: faster on GPUs and on CPUs with AMX); weights keep
+    float32. logit_adjustment: how far training makes up for classes of unequal number, 0 not at all, 1 as if all were
+    as many: the loss sees the logits plus that many times the log of the class's share (Menon et al., ICLR 2021)."""
+
+    selection: str = "validation"
+    epochs: int = 60
+    batch_size: int | None = 128
+    learning_rate: float = 0.002
+    initial_weights: str = "default"
+    schedule: str = "one_cycle"
+    weight_decay: float = 0.01
+    label_smoothing: float = 0.1
+    precision: str = "float32"
+    logit_adjustment: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that decides the weights, and where they go."""
+
+    dataset: DatasetConfig
+    output: str
+    preprocess: Preprocess = field(
+        default_factory=lambda: Preprocess(
+            n_points=64, n_candidates=128, start="farthest", pose="principal", ordering="anchors"
+        )
+    )
+    model: ModelConfig = field(default_factory=ModelConfig)
+    protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+    augment: Augment = field(default_factory=lambda: Augment(remove=0.4, crop=0.2, jitter=0.001, scale=0.05))
+    seed: int = 0
+    threads: int = 1
+    device: str = "auto"
+    cache: str | None = None
+    progress: bool = True
+
+    def decisive(self) -> dict[str, Any]:
+        """The settings that decide the result: what must be equal for a run to go on."""
+        settings = asdict(self)
+        for name in ("output", "threads", "device", "cache", "progress"):
+            del settings[name]
+        return settings
+
+
+def read_config(settings: Mapping[str, Any]) -> TrainConfig:
+    """A checked TrainConfig. Raises ConfigError that names the setting and its value."""
+    config = _build(TrainConfig, settings, "")
+    protocol, dataset = config.protocol, config.dataset
+    _one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
+    _one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
+    _one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
+    _one_of("protocol.precision", protocol.precision, ("float32", "bfloat16"))
+    _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
+    _one_of("dataset.size", dataset.size, SIZES)
+    _one_of("model.name", config.model.name, tuple(MODELS))
+    _one_of("device", config.device, ("auto", "cpu", "cuda"))
+    for name, value in (
+        ("protocol.epochs", protocol.epochs),
+        ("protocol.batch_size", protocol.batch_size),
+        ("protocol.learning_rate", protocol.learning_rate),
+        ("dataset.samples_per_instance", dataset.samples_per_instance),
+        ("threads", config.threads),
+    ):
+        if value is not None and value <= 0:
+            raise ConfigError(f"{name} must be positive, got {value}")
+    for name, share in (
+        ("dataset.train_fraction", dataset.train_fraction),
+        ("dataset.validation_fraction", dataset.validation_fraction),
+    ):
+        if not 0 < share < 1:
+            raise ConfigError(f"{name} must be between 0 and 1, got {share}")
+    if protocol.logit_adjustment < 0:
+        raise ConfigError(f"protocol.logit_adjustment must not be negative, got {protocol.logit_adjustment}")
+    if not 0 <= dataset.removed < 1:
+        raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
+    return config
+
+
+def flat_settings(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    """{"a": {"b": 1}} as {"a.b": 1}, as Hydra's overrides name settings."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat |= flat_settings(value, f"{where}{name}.") if isinstance(value, Mapping) else {where + name: value}
+    return flat
+
+
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise ConfigError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+
+
+def _build(cls: type[T], settings: Mapping[str, Any], where: str) -> T:
+    hints = get_type_hints(cls)
+    known = {item.name for item in fields(cls)}  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for name, value in settings.items():
+        if name not in known:
+            raise ConfigError(f"unknown setting {where}{name}; known: {', '.join(sorted(known))}")
+        hint = hints[name]
+        if is_dataclass(hint):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{where}{name} must be a group of settings, got {value!r}")
+            value = _build(hint, value, f"{where}{name}.")  # type: ignore[arg-type]
+        else:
+            value = _plain(hint, value, where + name)
+        values[name] = value
+    try:
+        return cls(**values)
+    except TypeError as error:
+        raise ConfigError(f"a setting is missing in {where or 'the configuration'}: {error}") from error
+
+
+def _plain(hint: Any, value: Any, name: str) -> Any:
+    """`value` as the type `hint`: only whole numbers to float and sequences to list are converted."""
+    if value is None:
+        if type(None) in getattr(hint, "__args__", ()):
+            return None
+        raise ConfigError(f"{name} must be set")
+    if hint in (list[str], list[str] | None):
+        if isinstance(value, str) or not all(isinstance(item, str) for item in value):
+            raise ConfigError(f"{name} must be a list of names, got {value!r}")
+        return list(value)
+    wanted = next(item for item in getattr(hint, "__args__", (hint,)) if item is not type(None))
+    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
+        raise ConfigError(f"{name} must be {wanted.__name__}, got {value!r}")
+    return value

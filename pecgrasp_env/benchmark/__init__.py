@@ -1,0 +1,1 @@
+"""How long each step takes, beside a yardstick in the same run."""

@@ -1,0 +1,106 @@
+"""How fast each part is, beside a yardstick that is measured in the same run: ratios travel better than milliseconds.
+
+How is said in `timing`. Every number is of one thread unless it says otherwise.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import warnings
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from grasping import Segmenter
+from pecgrasp_env.benchmark.classification import classification, training
+from pecgrasp_env.benchmark.decision import decision
+from pecgrasp_env.benchmark.environment import environment
+from pecgrasp_env.benchmark.generation import generation
+from pecgrasp_env.benchmark.planning import planning
+from pecgrasp_env.benchmark.timing import Row, line_of, rows_of, side_by_side
+
+_TREE = "k-d tree of the frame"
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = print) -> dict[str, Any]:
+    """Measure the parts named in settings["parts"]; returns the rows of each, which `say` is also told as a table."""
+    import torch
+
+    torch.set_num_threads(1)
+    warnings.filterwarnings("ignore", message=".*Box (low|high)'s precision lowered")  # ManiSkill's float64 limits
+    measure: dict[str, Callable[[Mapping[str, Any]], list[Row]]] = {
+        "segmentation": segmentation,
+        "planning": planning,
+        "classification": classification,
+        "training": training,
+        "generation": generation,
+        "environment": environment,
+        "decision": decision,
+    }
+    unknown = set(settings["parts"]) - measure.keys()
+    if unknown:
+        raise ValueError(f"parts={list(settings['parts'])}: there is no {unknown.pop()!r}, only {', '.join(measure)}")
+    results: dict[str, Any] = {"machine": {"cores": os.cpu_count(), "processor": _processor()}}
+    for part in settings["parts"]:
+        rows = measure[part](settings)
+        results[part] = rows
+        say(f"\n{part}")
+        for row in rows:
+            say(line_of(row))
+    return results
+
+
+def segmentation(settings: Mapping[str, Any]) -> list[Row]:
+    """A frame of the task's wrist camera, five objects on the table, beside a k-d tree of the frame's points."""
+    from pecgrasp_env.policy.perception import gripper_mask, read_observation
+    from pecgrasp_env.sensor import deproject
+
+    targets = settings.get("segment_at_most_ms", {})
+    rows = []
+    for resolution in settings["resolutions"]:
+        env = _task(n_objects=5, resolution=resolution, obs_mode="depth")
+        obs, _ = env.reset(seed=settings["seed"])
+        percept = read_observation(obs)
+        env.close()
+        cloud = deproject(*percept.picture)
+        cloud[gripper_mask(cloud, percept.opening)] = np.nan
+        T = percept.T_base_camera
+        cloud = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        valid = cloud[np.isfinite(cloud).all(axis=2)]
+        segmenters: dict[str, Any] = {"default": Segmenter(), "published": Segmenter.published()}
+        routines: dict[str, Callable[[], Any]] = {_TREE: partial(cKDTree, valid)}
+        for name, segmenter in segmenters.items():
+            routines[name] = partial(segmenter.segment, cloud, up=_UP)
+        times = side_by_side(routines, settings["repeats"])
+        for row in rows_of(times, _TREE, f"{resolution}, {len(valid):,} points, 5 objects"):
+            if row["name"] in segmenters:
+                row["objects_found"] = len(segmenters[row["name"]].segment(cloud, up=_UP).objects)
+            if row["name"] == "default" and resolution in targets:
+                row["at_most_ms"] = float(targets[resolution])
+            rows.append(row)
+    return rows
+
+
+def _task(**arguments: Any) -> Any:
+    import gymnasium as gym
+
+    import pecgrasp_env
+
+    assert pecgrasp_env  # registers SelectiveGrasp-v1
+    backends = {"sim_backend": "physx_cpu", "render_backend": "cpu", "control_mode": "pd_joint_pos"}
+    return gym.make("SelectiveGrasp-v1", **{**backends, **arguments})
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        names = [line.split(":", 1)[1].strip() for line in cpuinfo.read_text().splitlines() if "model name" in line]
+        if names:
+            return names[0]
+    return platform.processor() or platform.machine()

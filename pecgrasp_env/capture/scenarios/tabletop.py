@@ -1,0 +1,248 @@
+"""The `tabletop` scenario, what the robot sees: objects at rest on its table, looked at from the policy's postures, and
+cut out of the picture by the segmentation that runs on the robot.
+
+A frame shows several objects, laid out as the task SelectiveGrasp-v1 lays them out: as they come to rest after a fall
+in a random orientation, turned about the vertical, anywhere in the task's region, apart. The wrist camera looks from
+one of the postures from which the policy looks. The table and the floor are planes, so their depth is computed, not
+drawn; the gripper is out of the camera's view. The sensor sees all of it at once, and `grasping.Segmenter` finds the
+objects, with whatever it loses or adds. Which object a cut-out is, the renderer says: it is labelled by the object that
+most of its points lie on, and thrown away where others have too large a share of it. The dissertation has no such set.
+
+Draws that are not kept, by reason: "out of view" (cut off by the image's border), "hidden" (more than `max_occlusion`
+of it), "not found" (no cut-out of it), "mixed" (`purity` below `min_purity`), "too few points", "fragment" (a further,
+smaller cut-out of the same object), "nothing" (a cut-out of no object), "no room" (a layout that did not fit).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grasping import ROBOTIQ_2F_140, CloudError, Segmenter
+from pec.data.shards import CloudSample
+from pecgrasp_env.capture.config import CaptureConfig, CaptureError
+from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot, Studio
+from pecgrasp_env.capture.rendering.tabletop_depth import Table, compose
+from pecgrasp_env.capture.scenarios.base import Captured, Subject, measure, rotation_matrix, sample_seed
+from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
+from pecgrasp_env.policy.perception import Percept, Picture, cut_out
+from pecgrasp_env.policy.viewpoints import look_postures
+from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
+from pecgrasp_env.scene.placement import REGION, PlacementError, arrange, settle
+
+if TYPE_CHECKING:
+    from pecgrasp_env.sensor import CameraIntrinsics
+
+__all__ = ["TabletopScenario", "resting_poses"]
+
+_DROP_HEIGHT = 0.02
+_SPACING = 1.0
+_MOST_FRAMES = 200
+"""Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
+_LARGEST = 0.45
+"""m; the segmenter calls nothing larger an object."""
+
+
+def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
+    """Poses (k, 7), position m and quaternion wxyz, in which an object rests on the plane z = 0, as often as it falls
+    into each of them.
+
+    `drops` orientations, uniform on SO(3), fall side by side in one physics scene; those still in motion at the end are
+    left out. x and y are 0. Raises CaptureError where none comes to rest.
+    """
+    rng = np.random.default_rng(sample_seed(seed, model.class_name, model.instance, -1 % 2**32))
+    corners = np.concatenate(model.hulls)
+    starts = np.zeros((drops, 7))
+    for row, quaternion in enumerate(rng.standard_normal((drops, 4))):
+        lowest = (corners @ rotation_matrix(quaternion).T)[:, 2].min()
+        starts[row] = row * _SPACING, 0.0, _DROP_HEIGHT - lowest, *(quaternion / np.linalg.norm(quaternion))
+    ends, at_rest = settle([model] * drops, starts)
+    if not at_rest.any():
+        raise CaptureError(f"none of {drops} drops came to rest on the table")
+    poses = ends[at_rest]
+    poses[:, :2] = 0
+    return poses
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """A laid table before anybody has looked at it; without shots where the objects did not fit on it."""
+
+    seed: int
+    rng: np.random.Generator
+    """Goes on to draw the sensor's faults."""
+    number: int
+    """Of the camera, among the configuration's."""
+    camera: CameraIntrinsics
+    q: np.ndarray
+    """Joint angles (6,), rad."""
+    T_base_camera: np.ndarray
+    shots: list[Shot]
+
+
+class TabletopScenario:
+    """Several objects at a time on the robot's table, under its wrist camera."""
+
+    def __init__(self, config: CaptureConfig, open_studio: Callable[[float], Studio] = DepthStudio) -> None:
+        self._config = config
+        self._studio = open_studio(_LARGEST)
+        self._segmenter = Segmenter()
+        self._postures = look_postures()
+        self._resting: dict[tuple[str, str], np.ndarray] = {}
+
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
+        captured = Captured()
+        kept: list[Subject] = []
+        for subject in subjects:
+            try:
+                self._studio.check(subject.model)
+                self._rest(subject.model)
+                kept.append(subject)
+            except CaptureError as error:
+                captured.given_up[subject.name] = str(error)
+        if not kept:
+            return captured
+        # Frames are drawn from the names of those in the group and from the place of its samples in the data set.
+        key = "/".join(f"{s.model.class_name}:{s.model.instance}" for s in kept)
+        models = [subject.model for subject in kept]
+        models += self._distractors(np.random.default_rng(sample_seed(self._config.seed, "distractors", key, first)))
+        self._studio.show(models)
+        found: list[list[CloudSample]] = [[] for _ in kept]
+        barren = np.zeros(len(kept), int)
+        reasons: list[Counter[str]] = [Counter() for _ in kept]
+        frames = self._frames(models, f"frames from {first}", key)
+        while wanted := [i for i in range(len(kept)) if len(found[i]) < count and barren[i] < _MOST_FRAMES]:
+            samples = self._cut(*next(frames), kept, {i: reasons[i] for i in wanted}, captured.rejected)
+            for i in wanted:
+                barren[i] = 0 if i in samples else barren[i] + 1
+                if i in samples:
+                    found[i].append(samples[i])
+        for i, subject in enumerate(kept):
+            if len(found[i]) == count:
+                captured.samples += found[i]
+                captured.rejected += reasons[i]
+            else:
+                why = ", ".join(f"{reason}: {n}" for reason, n in reasons[i].most_common())
+                captured.given_up[subject.name] = (
+                    f"{_MOST_FRAMES} frames in a row gave no cloud of it ({why}); a smaller min_points or a larger "
+                    "max_occlusion may help; what is below 8 mm or above 0.45 m is no object to the segmenter"
+                )
+        return captured
+
+    def _frames(self, models: Sequence[ObjectModel], first: str, key: str) -> Iterator[tuple[_Layout, Table | None]]:
+        """Laid tables and what an exact camera sees of them, None where there was no room; without end."""
+        ahead = max(1, self._studio.at_once // len(models))
+        for start in itertools.count(0, ahead):
+            layouts = [
+                self._lay_out(models, sample_seed(self._config.seed, first, key, number))
+                for number in range(start, start + ahead)
+            ]
+            frames = iter(self._studio.photograph_all([shot for layout in layouts for shot in layout.shots]))
+            for layout in layouts:
+                of_layout = list(itertools.islice(frames, len(layout.shots)))
+                table = compose(layout.shots, of_layout, layout.T_base_camera, layout.camera) if of_layout else None
+                yield layout, table
+
+    def _lay_out(self, models: Sequence[ObjectModel], seed: int) -> _Layout:
+        config, rng = self._config, np.random.default_rng(seed)
+        number = int(rng.integers(len(config.cameras)))
+        posture = self._postures[number % len(self._postures)]
+        camera = config.intrinsics[number // len(self._postures)]
+        q = posture + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
+        T_base_camera = forward_kinematics(q) @ T_TOOL0_CAMERA
+        drawn = np.stack([poses[rng.integers(len(poses))] for poses in map(self._rest, models)])
+        try:
+            placed = arrange(models, drawn, rng, REGION, config.tabletop.clearance)
+        except PlacementError:
+            return _Layout(seed, rng, number, camera, q, T_base_camera, [])
+        T_camera_base = np.linalg.inv(T_base_camera)
+        poses = [T_camera_base @ _matrix(pose) for pose in placed]
+        shots = [Shot(i, pose, camera, self._studio.extent(i, pose, camera)) for i, pose in enumerate(poses)]
+        return _Layout(seed, rng, number, camera, q, T_base_camera, shots)
+
+    def _cut(
+        self,
+        layout: _Layout,
+        table: Table | None,
+        subjects: Sequence[Subject],
+        reasons: Mapping[int, Counter[str]],
+        rejected: Counter[str],
+    ) -> dict[int, CloudSample]:
+        """One frame's samples of the subjects that `reasons` counts for; it counts why one of them gave none."""
+        samples: dict[int, CloudSample] = {}
+        if table is None:
+            for counter in reasons.values():
+                counter["no room"] += 1
+            return samples
+        depth = measure(self._config, table.depth, layout.camera, layout.rng)
+        try:
+            percept = Percept(layout.q, ROBOTIQ_2F_140.stroke, lambda: Picture(depth, layout.camera))
+            scene = cut_out(percept, self._segmenter)
+        except CloudError:
+            for counter in reasons.values():
+                counter["not found"] += 1
+            return samples
+        best: dict[int, tuple[np.ndarray, float, bool]] = {}
+        for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
+            shares = np.bincount(table.owner.reshape(-1)[indices], minlength=len(layout.shots) + 1)[1:]
+            if not shares.any():
+                rejected["nothing"] += 1
+                continue
+            owner = int(shares.argmax())
+            if owner in best:
+                rejected["fragment"] += 1  # the largest comes first
+            else:
+                best[owner] = points, float(shares[owner] / shares.sum()), border
+        for i, counter in reasons.items():
+            occlusion, of_subject = float(table.occlusion[i]), (subjects[i].class_index, subjects[i].instance_index)
+            reason = self._reason(occlusion, best.get(i))
+            if reason is not None:
+                counter[reason] += 1
+                continue
+            points, purity, _ = best[i]
+            pose = layout.shots[i].T_camera_object
+            samples[i] = CloudSample(points, *of_subject, pose, layout.seed, layout.number, occlusion, purity)
+        return samples
+
+    def _reason(self, occlusion: float, cut: tuple[np.ndarray, float, bool] | None) -> str | None:
+        """Why a subject gives no sample, or None where it gives one."""
+        if np.isnan(occlusion) or (cut is not None and cut[2]):
+            return "out of view"
+        if occlusion > self._config.max_occlusion:
+            return "hidden"
+        if cut is None:
+            return "not found"
+        if cut[1] < self._config.tabletop.min_purity:
+            return "mixed"
+        if len(cut[0]) < self._config.min_points:
+            return "too few points"
+        return None
+
+    def _rest(self, model: ObjectModel) -> np.ndarray:
+        key = model.class_name, model.instance
+        if key not in self._resting:
+            self._resting[key] = resting_poses(model, self._config.tabletop.drops, self._config.seed)
+        return self._resting[key]
+
+    def _distractors(self, rng: np.random.Generator) -> list[ObjectModel]:
+        """Objects of the catalogue of no class of the data set."""
+        others = [name for name in CLASSES if name not in self._config.labelled_classes]
+        if self._config.tabletop.distractors and not others:
+            raise CaptureError("tabletop.distractors: the data set labels all classes of the catalogue, none is left")
+        return [
+            make_object(others[rng.integers(len(others))], int(rng.integers(1000, 2000)))
+            for _ in range(self._config.tabletop.distractors)
+        ]
+
+
+def _matrix(pose: np.ndarray) -> np.ndarray:
+    """(4, 4) of a pose (7,)."""
+    T = np.eye(4)
+    T[:3, :3] = rotation_matrix(pose[3:])
+    T[:3, 3] = pose[:3]
+    return T

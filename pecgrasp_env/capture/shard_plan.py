@@ -1,0 +1,112 @@
+"""Which shards a data set has, a fixed list that the configuration alone decides, and which of them a job makes."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from pec.data.shards import Manifest
+from pecgrasp_env.capture.config import CaptureConfig
+from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectModel
+from pecgrasp_env.objects.mesh_folder import MeshFolder
+from pecgrasp_env.objects.modelnet import ModelNetArchive
+from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
+
+__all__ = ["Member", "ShardJob", "Source", "instance_entry", "open_source", "plan"]
+
+_PACKAGES = ("pecgrasp", "sapien", "numpy", "scipy", "trimesh", "coacd")
+"""What decides the bytes of a sample."""
+
+
+def plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
+    """The empty manifest of the data set, and all its shards."""
+    source = open_source(config)
+    instances: list[dict[str, Any]] = []
+    members: list[Member] = []
+    for class_index, class_name in enumerate(source.classes):
+        for number in range(len(source.names(class_name)[: config.objects.instances_per_class])):
+            members.append(Member(class_index, len(instances), number))
+            instances.append(instance_entry(source, class_name, number))
+    jobs: list[ShardJob] = []
+    for group in _groups(config, members):
+        step = max(1, config.shard_size // len(group))
+        for first in range(0, config.samples_per_instance, step):
+            jobs.append(ShardJob(len(jobs), group, first, min(step, config.samples_per_instance - first)))
+    versions = {package: importlib.metadata.version(package) for package in _PACKAGES}
+    manifest = Manifest(list(source.classes), instances, config.cameras, config.described(), config.seed, versions)
+    return manifest, jobs
+
+
+def _groups(config: CaptureConfig, members: list[Member]) -> list[tuple[Member, ...]]:
+    """Those that are captured together: in `tabletop` those that share a table, else as many as fill a shard."""
+    if config.scenario != "tabletop":
+        size = max(1, config.shard_size // config.samples_per_instance)
+        return [tuple(members[start : start + size]) for start in range(0, len(members), size)]
+    size = config.tabletop.objects_per_frame
+    # At random, else those that share a table would be of one class.
+    order = np.random.default_rng([config.seed, 0x7AB1E]).permutation(len(members))
+    return [tuple(members[i] for i in order[start : start + size]) for start in range(0, len(order), size)]
+
+
+@dataclass(frozen=True)
+class Member:
+    """An instance: its indices in the manifest, and its number among those of its class."""
+
+    class_index: int
+    instance_index: int
+    number_in_class: int
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """One shard: samples `first` to `first + count` of each of its members."""
+
+    index: int
+    members: tuple[Member, ...]
+    first: int
+    count: int
+
+    @property
+    def n_samples(self) -> int:
+        return self.count * len(self.members)
+
+
+def instance_entry(source: Source, class_name: str, number: int) -> dict[str, Any]:
+    """What the manifest says of an instance before it is captured."""
+    entry = {
+        "name": source.names(class_name)[number],
+        "class": class_name,
+        "origin": source.origin(class_name, number),
+    }
+    if isinstance(source, ModelNetArchive):
+        entry["split"] = source.split(class_name, number)
+    return entry
+
+
+class Source(Protocol):
+    """Where objects come from: classes, and instances of each, in a fixed order."""
+
+    classes: tuple[str, ...]
+
+    def names(self, class_name: str) -> list[str]: ...
+    def load(self, class_name: str, i: int) -> ObjectModel: ...
+    def origin(self, class_name: str, i: int) -> str: ...
+
+
+def open_source(config: CaptureConfig) -> Source:
+    """The objects that `config` names. Raises ObjectError for an unknown class, an empty or missing folder."""
+    objects = config.objects
+    if objects.path is not None and objects.source == "modelnet10":
+        return ModelNetArchive(objects.path, objects.classes)
+    if objects.path is not None and objects.source == "ycb" and (models := find_models(objects.path)):
+        return YcbDownload(objects.classes, objects.seed, models)
+    if objects.path is not None:
+        return MeshFolder(objects.path, objects.scale, objects.classes, objects.allow_open)
+    if objects.source == "ycb" and objects.download:
+        return YcbDownload(objects.classes, objects.seed)
+    if objects.source == "ycb":
+        return YcbLookAlikes(objects.classes, objects.instances_per_class, objects.seed)
+    return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 20, objects.seed)

@@ -1,0 +1,1 @@
+"""The task SelectiveGrasp-v1, batched, and SelectiveGraspSingle-v1, for one robot."""

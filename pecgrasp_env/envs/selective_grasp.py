@@ -1,0 +1,483 @@
+"""SelectiveGrasp-v1: pick the object that was asked for out of several, with a UR5 and a Robotiq 2F-140."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import cache, cached_property, partial
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from gymnasium import spaces
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils import common, sapien_utils
+from mani_skill.utils.gym_utils import convert_observation_to_space
+from mani_skill.utils.registration import register
+from mani_skill.utils.structs.pose import Pose
+from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
+
+from pecgrasp_env.envs import reward
+from pecgrasp_env.envs import task_state as outcome
+from pecgrasp_env.envs.cloud_observation import sample_cloud
+from pecgrasp_env.envs.contacts import held_objects, outward, pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.lazy_images import Pictures
+from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
+from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
+from pecgrasp_env.envs.validation import TaskError, check_scene, check_sensing
+from pecgrasp_env.objects import LARS_CLASSES, open_objects
+from pecgrasp_env.robot import UR5Robotiq2F140
+from pecgrasp_env.scene import table as workbench
+from pecgrasp_env.scene.actors import Recipe, SceneObjects
+from pecgrasp_env.scene.clutter import lay_out
+from pecgrasp_env.scene.placement import REGION, WIDE_REGION
+from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
+from pecgrasp_env.sensor import intrinsics_of
+from pecgrasp_env.sensor.maniskill_camera import LIT, UNLIT, sense
+from pecgrasp_env.sensor.sapien_depth import FAR, NEAR
+
+_FAR_APART = 0.03  # m, clearance from which on PhysX's persistent contact manifolds do no harm, see `fall`
+_MOST_IN_REGION = 5  # more objects are laid out in the wide one
+
+# Streams of random numbers of one episode: which objects and how they lie are drawn apart.
+_CHOICE, _LAYOUT, _NOISE, _PHYSICS, _LIGHT = 0, 1, 2, 3, 4
+
+
+class SelectiveGraspEnv(BaseEnv):
+    """
+    ## Description
+    Several objects lie on a table. One class is asked for. The arm has to take hold of an object of that class and to
+    lift it; to lift another one, or to push anything off the table, is a failure.
+
+    The world frame is the robot's base frame: z up, tabletop at z = 0, the objects in front of the robot within
+    0.33 m < x < 0.67 m, abs(y) < 0.25 m. Lengths in metres, angles in radians, quaternions w, x, y, z. Control at
+    20 Hz, physics at 100 Hz.
+
+    ## Action Space
+    `Box(8,)` float32, by `control_mode`; all limits are finite:
+    | mode | 0–5 | 6 | 7 |
+    |---|---|---|---|
+    | `pd_joint_pos` | joint targets, rad | gripper opening, 0 … 0.14 m | force limit, 10 … 125 N |
+    | `pd_joint_delta_pos` | joint steps, ±1 is ±0.1 rad | opening, −1 … 1 over its range | force limit, likewise |
+    | `pd_ee_pose` | tool position, m, and XYZ Euler angles, rad, base frame | opening, m | force limit, N |
+    | `pd_ee_delta_pose` | tool step, ±1 is ±0.1 m and ±0.1 rad | opening, −1 … 1 | force limit, −1 … 1 |
+
+    ## Observation Space
+    In the mode `state_dict` (`state` is the same, flattened), first axis the sub-environments; all limits are finite:
+    | key | shape | unit, frame | meaning |
+    |---|---|---|---|
+    | agent/qpos | (10,) | rad | six arm joints from shoulder pan on, two cranks, two fingers of the gripper |
+    | agent/qvel | (10,) | rad/s | their mean rates over the last step |
+    | agent/controller/gripper/target_opening | (1,) | m | opening that the gripper is on its way to |
+    | agent/controller/gripper/force_limit | (1,) | N | force limit that it was given last |
+    | extra/target | (n_classes,) | | the asked-for class, one-hot in the order of `classes`; as text in `info` |
+    | extra/tcp_pose | (7,) | m, wxyz; world | the fixed tool point, at the pads' centre of the closed gripper |
+    | extra/opening | (1,) | m | measured gripper opening |
+    | extra/force | (1,) | N | measured grip force, mean of both pads along the closing axis, 0 … 250 |
+    | extra/target_pose | (7,) | m, wxyz; world | in state modes only: the asked-for object, of twins the nearer |
+    | extra/object_poses | (7 · n_objects,) | m, wxyz; world | in state modes only: all objects, in no order |
+
+    `cloud` replaces the last two by what the wrist camera sees of the objects and the hand:
+    | key | shape | unit, frame | meaning |
+    |---|---|---|---|
+    | cloud | (cloud_points, 3) | m; base | points more than 5 mm above the table, sampled by seed, step and pixel |
+
+    ManiSkill's visual modes (`depth`, `depth+segmentation`, `rgb+depth`, `pointcloud`, …) give all that the wrist
+    camera, `wrist_camera`, sees. Depth is float32 in metres along the optical axis and 0 where there is none; point
+    clouds are in the world frame, their fourth value is 0 where there is no point.
+
+    ## Rewards
+    `sparse`: 1 on success, −1 on failure, else 0.
+
+    `dense`, per step: what the step has added to a potential, so that what is gained on the way to a state is lost on
+    the way back and only progress pays. An episode's return is the potential at its end less that at its start (under
+    1), and 5 or −1 for how it ended: idling, pushing and shaking earn nothing, however long.
+    | term of the potential | range |
+    |---|---|
+    | reach: 1 − tanh(5 · distance from the pads' centre to the nearest asked-for object in m) | 0 … 1 |
+    | grasp: an asked-for object is held | 0, 1 |
+    | lift: air under it / 0.15 m, while held | 0 … 1 |
+    | still: 1 − tanh(10 · its speed in m/s), while held 0.15 m above the table | 0 … 1 |
+    | wrong: another object is held | −1, 0 |
+
+    | at the end | |
+    |---|---|
+    | success (instead of the step's progress) | 5 |
+    | failure (besides it) | −1 |
+
+    `normalized_dense` is a fifth of it.
+
+    ## Starting State
+    `n_objects` instances are drawn, dropped in random orientations, and laid out where they came to rest, as densely
+    as `clutter` says. Their classes all differ while there are enough of them; one is asked for. Where there are more
+    objects than classes, others than the asked-for one come twice or more. With `same_class_twins` the asked-for class
+    is there twice, and either of the two is right. The arm hangs over the table in its home posture, the camera
+    looking at the objects, ± `joint_noise`.
+
+    Everything is drawn by generators of the sub-environment, so that an episode depends on its seed and neither on the
+    number of environments nor on what came before; where objects are drawn once only (`reconfiguration_freq`), they
+    are those of the seed of `reset(seed=…, options={"reconfigure": True})`. Randomised: instances, resting poses,
+    places, the asked-for class, the arm's posture, the sensor's noise; with the arguments below friction, mass, light.
+
+    ## Episode End
+    Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
+    slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps. `info` says
+    what happened, one value a sub-environment:
+    | key | meaning |
+    |---|---|
+    | success, fail | as above |
+    | wrong_object | an object of another class has more than 0.05 m of air under it |
+    | off_table | any object has left the table |
+    | dropped | an asked-for object had been lifted and is on the table again: no failure, it may be picked up again |
+    | disturbance_m | how far the other object that was moved most is from where it lay at the start, m |
+    | target_held, wrong_held | both pads press on an object of the asked-for class, on another one |
+    | target_distance | from the pads' centre to the nearest object of the asked-for class, m |
+    | grip_force | as `extra/force`, N |
+    | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
+    | target | the asked-for class as text |
+    | planner_reason | what was last told to `set_planner_reason` in this episode, or "" |
+
+    ## Arguments
+    | name | default | meaning |
+    |---|---|---|
+    | `n_objects` | 3 | objects on the table, 1 … 8; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
+    | `classes` | the five LARS classes | what may lie on the table, and the order of the one-hot vector |
+    | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
+    | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another |
+    | `same_class_twins` | False | the asked-for class lies there twice, either is right |
+    | `clearance` | 0.03 | least distance between two outlines at the start where they lie apart, m |
+    | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
+    | `friction` | None | limits between which each object's friction is drawn; None: 0.6 |
+    | `mass_scale` | None | limits of what each object's mass is multiplied by; not below 20 g |
+    | `light` | "fixed" | "random": lamp's direction and strength of the light, for pictures in colour |
+    | `sensor` | "ideal" | "ideal": noise-free depth beyond the minimum distance; "d435": with the camera's faults |
+    | `resolution` | "424x240" | depth mode of the D435, see `pecgrasp_env.sensor.D435` |
+    | `cloud_points` | 1024 | points of the observation mode `cloud` |
+    | `reconfiguration_freq` | 1 with one sub-environment, else 0 | resets between draws of new objects; 0: draw once |
+
+    and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for pictures. Arguments that make no
+    sense raise `TaskError`; objects that do not fit on the table, `PlacementError` at the reset. A state
+    (`get_state_dict`, `get_state`) holds the task's memory, too; it fits the objects of its own episode.
+    `num_envs` > 1 needs a GPU (`physx_cuda`; written for, never run there); on a CPU `SelectiveGraspSingle-v1` with
+    `gymnasium.make_vec` runs many in as many processes.
+
+    ## Version History
+    - v1: first version.
+    """
+
+    SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid,)
+    SUPPORTED_REWARD_MODES = ("normalized_dense", "dense", "sparse", "none")
+    agent: UR5Robotiq2F140
+    # Set to True, visual observations hold `Pictures`, the same ones: each is drawn if and when it is looked at, which
+    # must be before the next step. For whoever looks seldom, as the scripted policy; wrappers that copy look always.
+    pictures_on_demand = False
+
+    def __init__(
+        self,
+        *args: Any,
+        n_objects: int = 3,
+        classes: Sequence[str] = LARS_CLASSES,
+        objects: Any = None,
+        clutter: str = "apart",
+        same_class_twins: bool = False,
+        clearance: float = 0.03,
+        joint_noise: float = 0.02,
+        friction: tuple[float, float] | None = None,
+        mass_scale: tuple[float, float] | None = None,
+        light: str = "fixed",
+        sensor: str = "ideal",
+        resolution: str = "424x240",
+        cloud_points: int = 1024,
+        robot_uids: str = UR5Robotiq2F140.uid,
+        obs_mode: str | None = None,
+        sensor_configs: dict | None = None,
+        num_envs: int = 1,
+        reconfiguration_freq: int | None = None,
+        **kwargs: Any,
+    ) -> None:
+        self.classes = tuple(classes)
+        check_scene(self.classes, n_objects, same_class_twins, clutter, clearance, joint_noise)
+        check_sensing(sensor, light, cloud_points, friction, mass_scale)
+        source = objects if isinstance(objects, Mapping) else {"path": objects}
+        self.source = objects if hasattr(objects, "load") else open_objects(**source, classes=self.classes)
+        missing = [name for name in self.classes if name not in self.source.classes]
+        if missing:
+            raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
+        self.clutter = clutter
+        self.clearance = clearance
+        self.n_objects = n_objects
+        self.recipe = Recipe(self.source, self.classes, n_objects, same_class_twins, friction, mass_scale)
+        self.sensor = sensor
+        self.light = light
+        self.cloud_points = cloud_points
+        self._only_cloud = obs_mode == "cloud"
+        self._shown: dict[str, Pictures] = {}
+        self.joint_noise = joint_noise
+        if reconfiguration_freq is None:
+            reconfiguration_freq = 1 if num_envs == 1 else 0
+        intrinsics = intrinsics_of(resolution)
+        if cloud_points > intrinsics.width * intrinsics.height:
+            raise TaskError(f"cloud_points={cloud_points}: a picture of {resolution} has fewer pixels")
+        # Light is computed only where somebody looks at pictures; point clouds carry the plain colours.
+        shader = LIT if "rgb" in (obs_mode or "") else UNLIT
+        camera = {
+            "width": intrinsics.width,
+            "height": intrinsics.height,
+            "fov": None,
+            "intrinsic": intrinsics.matrix,
+            "near": NEAR,
+            "far": FAR,
+        }
+        super().__init__(
+            *args,
+            robot_uids=robot_uids,
+            obs_mode="depth" if self._only_cloud else obs_mode,
+            sensor_configs={"shader_config": shader, "wrist_camera": camera, **(sensor_configs or {})},
+            num_envs=num_envs,
+            reconfiguration_freq=reconfiguration_freq,
+            **kwargs,
+        )
+
+    # ------------------------------------------------------------------ scene
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        materials = DefaultMaterialsConfig(static_friction=0.6, dynamic_friction=0.6)
+        near = self.clutter != "apart" or self.clearance < _FAR_APART
+        contacts = SceneConfig(contact_offset=CONTACT_OFFSET_M, enable_pcm=not near)
+        return SimConfig(default_materials_config=materials, scene_config=contacts)
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:
+        pose = sapien_utils.look_at([1.25, 0.80, 0.80], [0.36, 0.0, 0.22])
+        return CameraConfig("render_camera", pose, 640, 480, 0.82, 0.05, 60)
+
+    def _load_agent(self, options: dict) -> None:
+        with warnings.catch_warnings():
+            # ManiSkill's passive controller casts a box without numbers.
+            warnings.filterwarnings("ignore", message=".*precision lowered by casting")
+            super()._load_agent(options, sapien.Pose())
+
+    def _load_lighting(self, options: dict) -> None:
+        generators = [self._generator(i, _LIGHT) for i in range(self.num_envs)] if self.light == "random" else None
+        workbench.light(self.scene, shadow=self.enable_shadow, generators=generators)
+
+    def _load_scene(self, options: dict) -> None:
+        workbench.build_table(self.scene)
+        workbench.build_floor(self.scene)
+        # An asked-for object takes no fixed slot: its number in a segmentation picture must not give it away.
+        draws = [self._generator(i, _CHOICE) for i in range(self.num_envs)]
+        physics = [self._generator(i, _PHYSICS) for i in range(self.num_envs)]
+        self.table = SceneObjects(self, self.recipe, draws, physics)
+        self.models, self.objects = self.table.models, self.table.actors
+        self.memory = outcome.Memory.empty(self.table.instances)
+        self.target_names = [""] * self.num_envs
+        self._planner_reasons = [""] * self.num_envs
+
+    # ---------------------------------------------------------------- episode
+
+    def _generator(self, env_index: int, stream: int) -> np.random.Generator:
+        """A generator of one sub-environment's own, one for each purpose."""
+        return np.random.default_rng([stream, self._batched_episode_rng.rngs[env_index].randint(2**31)])
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
+        indices = env_idx.tolist()
+        self._set_scene_config()  # the private scene of the fall takes the physics engine's current settings
+        region = REGION if self.n_objects <= _MOST_IN_REGION else WIDE_REGION
+        poses = np.zeros((len(indices), self.n_objects, 7))
+        asked, noise = np.zeros(len(indices), np.int64), np.zeros(len(indices), np.int64)
+        home = np.asarray(self.agent.keyframes["home"].qpos, dtype=np.float32)
+        qpos = np.tile(home, (len(indices), 1))
+        for row, i in enumerate(indices):
+            rng = self._generator(i, _LAYOUT)
+            asked[row] = self.classes.index(self.models[i][int(rng.choice(self.table.askable[i]))].class_name)
+            poses[row] = lay_out(self.models[i], rng, region, self.clutter, self.clearance)
+            qpos[row, :6] += rng.uniform(-self.joint_noise, self.joint_noise, size=6)
+            noise[row] = self._generator(i, _NOISE).integers(2**31)
+            self.target_names[i] = self.classes[asked[row]]
+            self._planner_reasons[i] = ""
+        placed = torch.tensor(poses, dtype=torch.float32, device=self.device)
+        for slot, actor in enumerate(self.objects):
+            actor.set_pose(Pose.create(placed[:, slot]))
+        self.agent.reset(torch.tensor(qpos, device=self.device))
+        self.agent.robot.set_pose(sapien.Pose())
+        asked_for, noise_seeds = (torch.as_tensor(numbers, device=self.device) for numbers in (asked, noise))
+        self.memory.begin(env_idx, asked_for, placed[..., :3], noise_seeds)
+
+    @property
+    def target_class(self) -> torch.Tensor:
+        """Index of the asked-for class in ``classes``, (num_envs,)."""
+        return self.memory.asked
+
+    @property
+    def is_target(self) -> torch.Tensor:
+        """Which objects are of the asked-for class, (num_envs, n_objects) bool."""
+        return self.table.slot_class == self.memory.asked[:, None]
+
+    def set_planner_reason(self, reason: str, env_index: int = 0) -> None:
+        """Say why a planner finds no grasp, or what else it has to say: ``info["planner_reason"]`` of the following
+        steps of this episode. The task does not look at it; records and reports do.
+        """
+        self._planner_reasons[env_index] = reason
+
+    # ------------------------------------------------------------- evaluation
+
+    def reset(self, *args: Any, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        obs, info = super().reset(*args, **kwargs)
+        # Only now does a GPU know where the hand is.
+        begun = torch.isnan(self.memory.potential)
+        self.memory.potential = torch.where(begun, reward.reach(info["target_distance"]), self.memory.potential)
+        return obs, info
+
+    def _before_control_step(self) -> None:
+        poses = self.table.poses()
+        self.memory.note(poses[..., :3], outcome.air_below(poses, self.table.hull_vertices), self.is_target)
+
+    def evaluate(self) -> dict[str, Any]:
+        poses = self.table.poses()
+        positions = poses[..., :3]
+        air = outcome.air_below(poses, self.table.hull_vertices)
+        directions = outward(self.agent)
+        forces = pad_forces(self.agent, self.objects)
+        held = held_objects(forces, directions)
+        distances = torch.linalg.norm(positions - pads_centre(self.agent)[:, None], dim=2)
+        nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
+        self._nearest = nearest.indices
+        return {
+            "elapsed_steps": self._elapsed_steps.clone(),
+            **outcome.judge(self.memory, self.is_target, positions, air, held, self.control_freq),
+            "target_distance": nearest.values,
+            "grip_force": squeeze(forces, directions),
+            "target": list(self.target_names),
+            "planner_reason": list(self._planner_reasons),
+        }
+
+    # ------------------------------------------------------------------ state
+
+    def get_state_dict(self) -> dict[str, Any]:
+        """The state of the simulation, of the controllers, and of the task: `outcome.Memory`, step, joints before."""
+        task = self.memory.to_state()
+        task["elapsed_steps"] = self._elapsed_steps[:, None].float()
+        task["qpos_before"] = self.agent._qpos_before.clone()
+        return {**super().get_state_dict(), "task": task}
+
+    def set_state_dict(self, state: dict[str, Any], env_idx: torch.Tensor | None = None) -> None:
+        """Put the sub-environments ``env_idx`` (all) into a state of `get_state_dict`, or of a recorded trajectory.
+
+        What PhysX remembers of contacts is no part of it: what pads feel is known after the next step.
+
+        Raises:
+            TaskError: the state is of other objects than those on the table.
+        """
+        rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
+        task, controllers_then = (outcome.batched(state[key], self.device) for key in ("task", "controller"))
+        if not torch.equal(task["instances"].long(), self.memory.instances[rows]):
+            raise TaskError("state: is of other objects; reset with the seed of its episode first")
+        super().set_state_dict(state, env_idx)
+        controllers = self.agent.get_controller_state()
+        for name, values in controllers_then.items():
+            for key, value in values.items():
+                controllers[name][key][rows] = value
+        self.agent.set_controller_state(controllers)
+        self.memory.restore(task, rows)
+        self._elapsed_steps[rows] = task["elapsed_steps"][:, 0].to(self._elapsed_steps.dtype)
+        self.agent._qpos_before[rows] = task["qpos_before"]
+        for i in rows.tolist():
+            self.target_names[i] = self.classes[int(self.memory.asked[i])]
+
+    def set_state(self, state: torch.Tensor, env_idx: torch.Tensor | None = None) -> None:
+        """The same from a flat state (N, D) of `get_state`."""
+        self.set_state_dict(outcome.unflatten(state, self._init_raw_state)[0], env_idx)
+
+    # ------------------------------------------------------------ observation
+
+    def _get_obs_extra(self, info: dict) -> dict[str, torch.Tensor]:
+        observation = {
+            "target": torch.nn.functional.one_hot(self.target_class, len(self.classes)).float(),
+            "tcp_pose": self.agent.tcp_pose.raw_pose,
+            "opening": self.agent.gripper_opening[:, None],
+            "force": info["grip_force"][:, None],
+        }
+        if self.obs_mode_struct.use_state:
+            poses = self.table.poses()
+            target_pose = poses[torch.arange(self.num_envs, device=self.device), self._nearest]
+            observation |= {"target_pose": target_pose, "object_poses": poses.flatten(1)}
+        return observation
+
+    @property
+    def obs_mode(self) -> str:
+        return "cloud" if self._only_cloud else self._obs_mode
+
+    def _get_obs_with_sensor_data(self, info: dict, apply_texture_transforms: bool = True) -> dict:
+        if self.pictures_on_demand and apply_texture_transforms:
+            observation = {
+                "agent": self._get_obs_agent(),
+                "extra": self._get_obs_extra(info),
+                "sensor_param": self.get_sensor_params(),
+                "sensor_data": self._pictures(),
+            }
+        else:
+            observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
+        if not self._only_cloud:
+            return observation
+        depth = observation.pop("sensor_data")["wrist_camera"]["depth"]
+        camera = observation.pop("sensor_param")["wrist_camera"]
+        cloud = sample_cloud(
+            depth[..., 0],
+            camera["intrinsic_cv"],
+            camera["cam2world_gl"] @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], device=self.device)),
+            self.memory.noise_seed,
+            self._elapsed_steps,
+            self.cloud_points,
+        )
+        return {**observation, "cloud": cloud}
+
+    def _pictures(self) -> dict[str, Pictures]:
+        """Each sensor's pictures of this moment, not yet taken; those of the moment before can be had no more."""
+        for pictures in self._shown.values():
+            pictures.expire()
+        taken = cache(self._get_obs_sensor_data)
+        visual = asdict(self.obs_mode_struct.visual)
+        kinds = [kind for kind, wanted in visual.items() if wanted]
+        self._shown = {name: Pictures(kinds, partial(lambda sensor: taken()[sensor], name)) for name in self._sensors}
+        return dict(self._shown)
+
+    @cached_property
+    def single_observation_space(self) -> spaces.Space:
+        if self._obs_mode == "state":
+            low, high = flat_bounds(self.get_obs(unflattened=True), self.control_freq)
+            if low.shape == self._init_raw_obs.shape[1:]:
+                return spaces.Box(low, high, dtype=np.float32)
+        space = convert_observation_to_space(common.to_numpy(self._init_raw_obs), unbatched=True)
+        return bounded(space, self.control_freq)
+
+    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict:
+        data = super()._get_obs_sensor_data(apply_texture_transforms)
+        if not apply_texture_transforms:
+            return data
+        for name, pictures in data.items():
+            if "depth" in pictures or "position" in pictures:
+                # One generator for each picture, so that looking twice at one moment shows the same.
+                generators = [
+                    np.random.default_rng([_NOISE, int(seed), int(step)])
+                    for seed, step in zip(self.memory.noise_seed, self.elapsed_steps, strict=True)
+                ]
+                data[name] = sense(pictures, self._sensors[name], self.sensor, generators)
+        return data
+
+    # ----------------------------------------------------------------- reward
+
+    def compute_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
+        before = self.memory.potential
+        self.memory.potential = reward.potential(info)
+        return reward.reward(before, self.memory.potential, info)
+
+    def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict) -> torch.Tensor:
+        return self.compute_dense_reward(obs, action, info) / 5
+
+
+# For ManiSkill's own tools; Gymnasium knows the task from the package's __init__.
+register("SelectiveGrasp-v1", SelectiveGraspEnv, max_episode_steps=MAX_EPISODE_STEPS)

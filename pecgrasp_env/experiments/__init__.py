@@ -1,0 +1,1 @@
+"""Measurements of their own: does training transfer, do the published figures come true?"""

@@ -1,0 +1,1 @@
+"""Demonstrations of the scripted policy, and an agent that learns from them."""

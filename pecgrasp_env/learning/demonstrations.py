@@ -1,0 +1,264 @@
+"""Episodes of the scripted expert as ManiSkill trajectories, by seed, over processes, resumable.
+
+OUT/trajectory.h5, .json         what ManiSkill's tools take: observations of the mode `state_dict`, actions, states of
+                                 the environment, dense rewards, success; seeds and the environment's arguments
+OUT/episodes/SEED.h5, .json      one episode each, kept or not; what is there is not recorded again
+OUT/recording.json               what is recorded, so that nothing else is mixed with it
+
+ManiSkill's `RecordEpisode` writes each episode into a file of its own, whose name is given when it is whole; the same
+package joins them. The expert looks at the depth picture, which is not kept: replaying makes any observation.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from pecgrasp_env.common.atomic_files import write_whole
+from pecgrasp_env.evaluation.episode import Episode, run_episode
+from pecgrasp_env.evaluation.run import Protocol
+from pecgrasp_env.evaluation.summary import summarise
+from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.robot.gripper_linkage import MAX_FORCE, MIN_FORCE, STROKE
+
+CONTROL_MODES = ("pd_joint_pos", "pd_joint_delta_pos")
+KEEP = ("success", "all")
+_DELTA_RAD = 0.1  # of ±1 in pd_joint_delta_pos
+
+
+class DemonstrationError(ValueError):
+    """An argument of a recording makes no sense, or the folder holds another one; the message says which."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What is recorded; plain values, so that it can be written down and sent to a process.
+
+    env: keyword arguments of SelectiveGrasp-v1; ``objects`` may be a mapping of arguments of `open_objects`.
+    checkpoint, planner, policy: of the expert, as in `pecgrasp_env.evaluation.Protocol`.
+    control_mode: one of CONTROL_MODES. The expert thinks in the first; the second takes the arm to the same targets, up
+    to 0.1 rad a step.
+    """
+
+    env: dict[str, Any]
+    checkpoint: str | None
+    planner: dict[str, Any]
+    policy: dict[str, Any]
+    control_mode: str = "pd_joint_pos"
+
+    def __post_init__(self) -> None:
+        if self.control_mode not in CONTROL_MODES:
+            raise DemonstrationError(f"control_mode={self.control_mode!r}: must be one of {', '.join(CONTROL_MODES)}")
+
+    def env_kwargs(self, obs_mode: str) -> dict[str, Any]:
+        """Arguments of `gymnasium.make`, as they are stored beside the trajectories."""
+        given = {name: value for name, value in self.env.items() if (name, value) != ("classes", None)}
+        fixed = {"sim_backend": "physx_cpu", "render_backend": "cpu", "reward_mode": "dense"}
+        return {**fixed, **given, "control_mode": self.control_mode, "obs_mode": obs_mode}
+
+
+def record(
+    recording: Recording,
+    seeds: Sequence[int],
+    out: Path,
+    *,
+    keep: str = "success",
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Record what is missing and join it; returns what is written to OUT/results.json: `summarise` of the episodes of
+    ``seeds``, kept or not, and how many were kept.
+
+    Args:
+        recording: what is recorded.
+        seeds: one episode each.
+        out: the folder; the same call goes on where it was interrupted.
+        keep: "success": only these are in the joined trajectories; or "all".
+        workers: processes; 1 stays in this one.
+        progress: called at the start and after each episode with how many are done, and of how many.
+
+    Raises:
+        DemonstrationError: an argument makes no sense, or the folder holds a recording of something else.
+    """
+    if keep not in KEEP:
+        raise DemonstrationError(f"keep={keep!r}: must be one of {', '.join(KEEP)}")
+    if not seeds:
+        raise DemonstrationError("episodes=0: must be at least 1")
+    if workers < 1:
+        raise DemonstrationError(f"workers={workers}: must be at least 1")
+    folder = out / "episodes"
+    folder.mkdir(parents=True, exist_ok=True)
+    _claim(out / "recording.json", recording)
+    missing = [seed for seed in seeds if not _info_file(folder, seed).exists()]
+    n_done = len(seeds) - len(missing)
+    if progress is not None:
+        progress(n_done, len(seeds))
+    for _ in _run(recording, missing, workers, folder):
+        n_done += 1
+        if progress is not None:
+            progress(n_done, len(seeds))
+    episodes = [Episode(**json.loads(_info_file(folder, seed).read_text())["episodes"][0]["expert"]) for seed in seeds]
+    kept = [each.seed for each in episodes if keep == "all" or each.outcome == "success"]
+    _join(folder, kept, out / "trajectory.h5", recording.env_kwargs("state_dict"))
+    results = {"kept": len(kept), "trajectories": str(out / "trajectory.h5"), **summarise(episodes)}
+    _write_json(out / "results.json", results)
+    return results
+
+
+def _info_file(folder: Path, seed: int) -> Path:
+    """Comes last: where it is, the episode is whole."""
+    return folder / f"{seed}.json"
+
+
+def _claim(path: Path, recording: Recording) -> None:
+    if not path.exists():
+        _write_json(path, asdict(recording))
+    elif json.loads(path.read_text()) != json.loads(json.dumps(asdict(recording))):
+        raise DemonstrationError(f"{path} is of another recording; choose another folder, or delete it")
+
+
+def _join(folder: Path, seeds: Sequence[int], path: Path, env_kwargs: Mapping[str, Any]) -> None:
+    """One pair of files out of those of the seeds, with the arguments by which the states can be replayed."""
+    from mani_skill.trajectory.merge_trajectory import merge_trajectories
+
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix="joining.") as temporary:
+        joined = Path(temporary) / "trajectory.h5"
+        merge_trajectories(str(joined), [folder / f"{seed}.h5" for seed in seeds])
+        content = json.loads(joined.with_suffix(".json").read_text())
+        for episode in content["episodes"]:
+            del episode["expert"]["stages"]  # times of computing belong to no trajectory
+        if seeds:
+            content["env_info"]["env_kwargs"] = dict(env_kwargs)
+        content["episodes"].sort(key=lambda episode: episode["episode_id"])
+        os.replace(joined, path)
+        _write_json(path.with_suffix(".json"), content)
+
+
+def _write_json(path: Path, content: Any) -> None:
+    write_whole(path, json.dumps(content, indent=1) + "\n")
+
+
+# ------------------------------------------------------------------------------------------------------ one episode
+
+
+class _Seen(gym.ObservationWrapper):
+    """Keeps the pictures from what is outside of it, and the last whole observation for the expert."""
+
+    whole: dict[str, Any]
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        self.whole = observation
+        return {key: observation[key] for key in ("agent", "extra")}
+
+    def close(self) -> None:
+        """Not with the recorder: the next episode has another."""
+
+
+class _WithPictures(gym.ObservationWrapper):
+    """The whole observation again, outside of the recorder."""
+
+    def __init__(self, env: gym.Env, seen: _Seen) -> None:
+        super().__init__(env)
+        self._seen = seen
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        return self._seen.whole
+
+
+class _JointSteps(gym.ActionWrapper):
+    """Takes actions (8,) of pd_joint_pos and gives the robot those of pd_joint_delta_pos that go the same way."""
+
+    def action(self, action: np.ndarray) -> np.ndarray:
+        q = self.unwrapped.agent.robot.get_qpos()[0, :6].numpy()
+        gripper = 2 * (action[6:] - [0.0, MIN_FORCE]) / [STROKE, MAX_FORCE - MIN_FORCE] - 1
+        return np.clip([*(action[:6] - q) / _DELTA_RAD, *gripper], -1, 1).astype(np.float32)
+
+
+class _Worker:
+    """An environment and an expert, for one episode after another."""
+
+    def __init__(self, recording: Recording, folder: Path) -> None:
+        import torch
+
+        torch.set_num_threads(1)
+        expert = Protocol(recording.env, recording.checkpoint, recording.planner, recording.policy)
+        self._policy: ScriptedPolicy = expert.make_policy()
+        self._env = gym.make("SelectiveGrasp-v1", **recording.env_kwargs("depth+state_dict"))
+        self._in_steps = recording.control_mode == "pd_joint_delta_pos"
+        self._folder = folder
+
+    def run(self, seed: int) -> Episode:
+        from mani_skill.utils.wrappers import RecordEpisode
+
+        seen = _Seen(self._env)
+        temporary = Path(tempfile.mkdtemp(dir=self._folder, prefix=f"{seed}.", suffix=".tmp"))
+        try:
+            recorder = RecordEpisode(
+                seen,
+                str(temporary),
+                trajectory_name="episode",
+                save_video=False,
+                source_type="motionplanning",
+                source_desc="pecgrasp_env.ScriptedPolicy, which works from depth pictures",
+            )
+            env: gym.Env = _WithPictures(recorder, seen)
+            episode = run_episode(_JointSteps(env) if self._in_steps else env, self._policy, seed)
+            recorder.close()
+            content = json.loads((temporary / "episode.json").read_text())
+            content["episodes"][0]["expert"] = asdict(episode)
+            os.replace(temporary / "episode.h5", self._folder / f"{seed}.h5")
+            _write_json(_info_file(self._folder, seed), content)
+        finally:
+            shutil.rmtree(temporary)
+        return episode
+
+    def close(self) -> None:
+        self._env.close()
+
+
+# -------------------------------------------------------------------------------------------------------- processes
+
+
+def _run(recording: Recording, seeds: Sequence[int], workers: int, folder: Path) -> Iterator[Episode]:
+    if not seeds:
+        return
+    if workers == 1:
+        worker = _Worker(recording, folder)
+        try:
+            for seed in seeds:
+                yield worker.run(seed)
+        finally:
+            worker.close()
+        return
+    os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))  # of Mesa's driver
+    context = multiprocessing.get_context("spawn")  # the renderer does not survive a fork
+    pool = ProcessPoolExecutor(min(workers, len(seeds)), context, _start_worker, (recording, folder))
+    try:
+        for future in as_completed([pool.submit(_run_seed, seed) for seed in seeds]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+_worker: _Worker | None = None
+
+
+def _start_worker(recording: Recording, folder: Path) -> None:
+    global _worker
+    _worker = _Worker(recording, folder)
+
+
+def _run_seed(seed: int) -> Episode:
+    assert _worker is not None
+    return _worker.run(seed)

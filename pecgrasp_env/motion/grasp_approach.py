@@ -1,0 +1,190 @@
+"""From a grasp on a cloud to joint paths: over the object, straight down to it, and straight up again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
+from pecgrasp_env.motion.collision import Clearance
+from pecgrasp_env.motion.trajectory import LARGEST_JOINT_STEP, LINE_STEP_M, MotionError, unwound, within_limits, wrapped
+from pecgrasp_env.robot import tool0_from_grasp
+from pecgrasp_env.robot.batch_kinematics import BRANCHES, inverse_kinematics_batch, nearest_turns
+from pecgrasp_env.robot.kinematics import HOME, UP
+
+LIFT_M = 0.25  # an object held at one end hangs down
+_OPEN_MARGIN_M = 0.03  # wider than the object, both sides together, where the planner has no wish of its own
+_TIP_CLEARANCE_M = 0.003  # between fingertips and table; the planner asks for 4 mm at the planned width
+_OVERCLOSE_M = 0.004  # closing further than planned pushes the tips forward
+_STANDOFF_M = 0.08
+_OVER_OBJECTS_M = 0.03
+_FREE_M = 0.06  # lifted so far, an object is clear of the table's friction and of low neighbours
+_CARRY_RADIUS_M = 0.60
+_TRIED_GRASPS = 24
+_AT_ONCE = 2  # grasps whose paths are computed together: mostly one of the first can be carried out
+_TRIED_WAYS = 4  # for one grasp
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Joint paths (K, 6) to a grasp and up again, and the opening [m] to go there with.
+
+    T_base_grasp: (4, 4) as it is carried out, the fingertips clear of the table, the closing direction turned round
+    where that suits the arm. T_base_tool0: (4, 4) of the flange there.
+    """
+
+    grasp: Grasp
+    opening: float
+    T_base_grasp: np.ndarray
+    T_base_tool0: np.ndarray
+    to_pregrasp: np.ndarray
+    to_grasp: np.ndarray
+    to_lift: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A grasp, how it is held, and the tool's way: T_base_tool0 there, standoff [m] before it."""
+
+    grasp: Grasp
+    T_base_grasp: np.ndarray
+    T_base_tool0: np.ndarray
+    standoff: float
+
+
+def plan_approach(
+    plan: GraspPlan, points: np.ndarray, obstacles: np.ndarray, plane: np.ndarray | None, q_now: np.ndarray
+) -> Approach:
+    """The best grasp of the plan that the arm can carry out, with its paths, free of all that was seen.
+
+    Args:
+        plan: grasps in the base frame, at least one.
+        points: (M, 3) of the object. obstacles: (K, 3) of the others.
+        plane: the table (4,), or None for z = 0.
+        q_now: (6,) where the arm is.
+
+    Raises:
+        MotionError: the arm can carry out none of them; the message is that of the best.
+    """
+    plane = np.array([0.0, 0.0, 1.0, 0.0]) if plane is None else plane
+    clearance = Clearance(points, obstacles, plane)
+    problem: MotionError | None = None
+    # From above everything where the arm reaches that; else from just over the object; at last with less room beside.
+    for over_all, tight in ((True, False), (False, False), (False, True)):
+        height = clearance.top + _OVER_OBJECTS_M if over_all else 0.0
+        for first in range(0, min(len(plan.candidates), _TRIED_GRASPS), _AT_ONCE):
+            grasps = plan.candidates[first : min(first + _AT_ONCE, _TRIED_GRASPS)]
+            ways = [way for grasp in grasps for way in _ways(grasp, plane, height)]
+            paths, down = _paths(ways)
+            paths = unwound(nearest_turns(paths, q_now))
+            for k in range(0, len(ways), 2):
+                try:
+                    return _first_free(ways[k : k + 2], paths[k : k + 2], down, clearance, tight, q_now)
+                except MotionError as error:
+                    problem = problem or error
+    raise problem or MotionError("no grasp to go to")
+
+
+def grasp_to_carry_out(grasp: Grasp, plane: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """T_base_grasp (4, 4) with the fingertips clear of the table, T_base_tool0 (4, 4) there, and the opening [m] to
+    come in with; plane (4,): the table, or None for z = 0.
+    """
+    way = _ways(grasp, np.array([0.0, 0.0, 1.0, 0.0]) if plane is None else plane, 0.0)[0]
+    return way.T_base_grasp, way.T_base_tool0, _opening_of(grasp)
+
+
+def _opening_of(grasp: Grasp) -> float:
+    return float(min(ROBOTIQ_2F_140.stroke, grasp.terms.get("opening", grasp.width + _OPEN_MARGIN_M)))
+
+
+def clear_of_table(T_base_grasp: np.ndarray, width: float, plane: np.ndarray) -> np.ndarray:
+    """The grasp pose, drawn back along its approach as far as the fingertips need to stay off the table, (4, 4)."""
+    hand = ROBOTIQ_2F_140
+    forward = hand.pad_length / 2 + hand.pad_depth(max(width - _OVERCLOSE_M, 0.0)) - hand.pad_depth(width)
+    x, y = width / 2 + hand.finger_thickness, hand.finger_width / 2
+    tips = np.array([[sx * x, sy * y, forward, 1.0] for sx in (-1, 1) for sy in (-1, 1)]) @ T_base_grasp.T
+    lowest = float((tips[:, :3] @ plane[:3]).min() + plane[3])
+    descent = -float(T_base_grasp[:3, 2] @ plane[:3])
+    result = T_base_grasp.copy()
+    if lowest < _TIP_CLEARANCE_M and descent > 0.1:
+        result[:3, 3] -= (_TIP_CLEARANCE_M - lowest) / descent * T_base_grasp[:3, 2]
+    return result
+
+
+def _ways(grasp: Grasp, plane: np.ndarray, travel_height: float) -> list[_Way]:
+    """Both ways round to hold it; the pre-grasp is so far back that the fingertips pass over `travel_height`."""
+    hand = ROBOTIQ_2F_140
+    result = []
+    for T in (np.asarray(grasp.pose), grasp.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])):
+        T_grasp = clear_of_table(T, grasp.width, plane)
+        tip = T_grasp[:3, 3] @ plane[:3] + plane[3] + T_grasp[:3, 2] @ plane[:3] * hand.pad_length / 2
+        descent = max(-float(T_grasp[:3, 2] @ plane[:3]), 0.3)
+        standoff = max(_STANDOFF_M, (travel_height - float(tip)) / descent)
+        T_tool0 = tool0_from_grasp(T_grasp, min(max(grasp.width, 0.0), hand.stroke))
+        result.append(_Way(grasp, T_grasp, T_tool0, standoff))
+    return result
+
+
+def _paths(ways: list[_Way]) -> tuple[np.ndarray, int]:
+    """Postures (W, 8, K, 6) from the pre-grasp down and up again, of all branches, NaN out of reach; and how many of
+    the K lead to the grasp.
+    """
+    down = 1 + int(np.ceil(max(way.standoff for way in ways) / LINE_STEP_M))
+    up = int(np.ceil(LIFT_M / LINE_STEP_M))
+    at_grasp = np.array([way.T_base_tool0 for way in ways])
+    place, approach = at_grasp[:, :3, 3], at_grasp[:, :3, 2]
+    # Straight up; where the arm does not reach that high, up a little and then up and inwards.
+    off, top = place + _FREE_M * UP, place + LIFT_M * UP
+    highest = at_grasp.copy()
+    highest[:, :3, 3] = top
+    far = np.isnan(inverse_kinematics_batch(highest)).any(axis=2).all(axis=1)
+    inwards = np.minimum(1.0, _CARRY_RADIUS_M / np.hypot(top[:, 0], top[:, 1]))
+    top[far, :2] *= inwards[far, None]
+    back = np.array([way.standoff for way in ways])[:, None] * np.linspace(1.0, 0.0, down)
+    free = max(1, int(np.ceil(up * _FREE_M / LIFT_M)))
+    rise = np.linspace(0.0, 1.0, free + 1)[1:, None]
+    carry = np.linspace(0.0, 1.0, up - free + 1)[1:, None]
+    positions = np.concatenate(
+        [
+            place[:, None] - back[..., None] * approach[:, None],
+            place[:, None] + rise * (off - place)[:, None],
+            off[:, None] + carry * (top - off)[:, None],
+        ],
+        axis=1,
+    )
+    poses = np.repeat(at_grasp[:, None], positions.shape[1], axis=1)
+    poses[..., :3, 3] = positions
+    branches = inverse_kinematics_batch(poses.reshape(-1, 4, 4))
+    return branches.reshape(len(ways), -1, BRANCHES, 6).swapaxes(1, 2), down
+
+
+def _first_free(
+    ways: list[_Way], paths: np.ndarray, down: int, clearance: Clearance, tight: bool, q_now: np.ndarray
+) -> Approach:
+    """The nearest of the ways (W) and branches, paths (W, 8, K, 6), that is reachable and free."""
+    grasp = ways[0].grasp
+    with np.errstate(invalid="ignore"):
+        reachable = (np.abs(np.diff(paths, axis=2)).max(axis=(2, 3)) < LARGEST_JOINT_STEP) & within_limits(paths).all(2)
+    if not reachable.any():
+        raise MotionError(f"the grasp at {np.round(grasp.pose[:3, 3], 3)} m is out of reach")
+    start = paths[:, :, 0]
+    # Near the home posture the elbow stays up; then a short way to go.
+    cost = np.abs(wrapped(start - HOME)).sum(axis=2) + 0.3 * np.abs(start - q_now).max(axis=2)
+    order = np.argsort(np.where(reachable, cost, np.inf), axis=None, kind="stable")
+    opening = _opening_of(grasp)
+    problem: MotionError | None = None
+    for index in order[: min(_TRIED_WAYS, int(reachable.sum()))]:
+        w, branch = divmod(int(index), BRANCHES)
+        path = paths[w, branch]
+        trouble = clearance.trouble_at_object(path, opening, tight)
+        try:
+            if trouble is not None:
+                raise MotionError(trouble)
+            there = clearance.way(q_now, path[0])
+        except MotionError as error:
+            problem = problem or error
+            continue
+        way = ways[w]
+        return Approach(grasp, opening, way.T_base_grasp, way.T_base_tool0, there, path[:down], path[down - 1 :])
+    raise problem or MotionError("no way to the grasp")

@@ -1,0 +1,1 @@
+"""Classes of objects that are drawn by seed."""

@@ -1,0 +1,98 @@
+"""The procedural catalogue: a class is a family of shapes, an instance is a draw from it by seed."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from pecgrasp_env.objects.errors import ObjectError
+from pecgrasp_env.objects.model import Draft, ObjectModel, assemble
+from pecgrasp_env.objects.procedural.bottle import bottle
+from pecgrasp_env.objects.procedural.clamp import clamp
+from pecgrasp_env.objects.procedural.containers import box, can
+from pecgrasp_env.objects.procedural.drill import drill
+from pecgrasp_env.objects.procedural.joypad import joypad
+from pecgrasp_env.objects.procedural.mouse import mouse
+from pecgrasp_env.objects.procedural.pliers import pliers
+from pecgrasp_env.objects.procedural.plug_adapter import plug_adapter
+from pecgrasp_env.objects.procedural.stapler import stapler
+from pecgrasp_env.objects.procedural.vessels import bowl, mug
+from pecgrasp_env.objects.procedural.wire_cutter import open_wire_cutter, wire_cutter
+
+_GENERATORS: dict[str, Callable[[np.random.Generator], Draft]] = {
+    "joypad": joypad,
+    "mouse": mouse,
+    "pliers": pliers,
+    "stapler": stapler,
+    "plug_adapter": plug_adapter,
+    "can": can,
+    "box": box,
+    "bottle": bottle,
+    "mug": mug,
+    "bowl": bowl,
+    "clamp": clamp,
+    "drill": drill,
+    "wire_cutter": wire_cutter,
+    "open_wire_cutter": open_wire_cutter,
+}
+CLASSES: tuple[str, ...] = tuple(_GENERATORS)
+LARS_CLASSES = CLASSES[:5]
+
+
+@lru_cache(maxsize=1024)
+def make_object(class_name: str, seed: int) -> ObjectModel:
+    """The instance of `class_name` that `seed` (>= 0) draws: the same shape in every process.
+
+    Raises ObjectError for a class that the catalogue does not have.
+    """
+    generator = _GENERATORS.get(class_name)
+    if generator is None:
+        raise ObjectError(f"unknown object class {class_name!r}; the catalogue has {', '.join(CLASSES)}")
+    if seed < 0:
+        raise ObjectError(f"seed of a {class_name} must not be negative, got {seed}")
+    pieces, mass = generator(np.random.default_rng([zlib.crc32(class_name.encode()), seed]))
+    return assemble(class_name, f"{class_name}_{seed:04d}", pieces, mass)
+
+
+class Catalogue:
+    """`instances_per_class` draws of each class: seeds seed, seed + 1, ... name them ("stapler_0003" is seed 3).
+
+    Two catalogues whose seed ranges do not overlap share no instance.
+    Raises ObjectError for an unknown class, no class at all, or fewer than one instance a class.
+    """
+
+    def __init__(self, classes: Sequence[str] = CLASSES, instances_per_class: int = 10, seed: int = 0) -> None:
+        unknown = [c for c in classes if c not in _GENERATORS]
+        if unknown:
+            raise ObjectError(f"unknown object class {unknown[0]!r}; the catalogue has {', '.join(CLASSES)}")
+        if not classes or len(set(classes)) != len(classes):
+            raise ObjectError(f"classes must be named once each and at least one, got {list(classes)}")
+        if instances_per_class < 1 or seed < 0:
+            raise ObjectError(f"instances_per_class must be >= 1 and seed >= 0, got {instances_per_class} and {seed}")
+        self.classes = tuple(classes)
+        self.instances_per_class = instances_per_class
+        self.seed = seed
+
+    def names(self, class_name: str) -> list[str]:
+        """The names of the class's instances, in order."""
+        self._check(class_name)
+        return [f"{class_name}_{self.seed + i:04d}" for i in range(self.instances_per_class)]
+
+    def load(self, class_name: str, i: int) -> ObjectModel:
+        """Instance `i` (0 <= i < instances_per_class) of a class."""
+        self._check(class_name)
+        if not 0 <= i < self.instances_per_class:
+            raise ObjectError(f"{class_name} has instances 0 to {self.instances_per_class - 1}, asked for {i}")
+        return make_object(class_name, self.seed + i)
+
+    def origin(self, class_name: str, i: int) -> str:
+        """Where instance `i` comes from, in words."""
+        self._check(class_name)
+        return "procedural catalogue"
+
+    def _check(self, class_name: str) -> None:
+        if class_name not in self.classes:
+            raise ObjectError(f"unknown object class {class_name!r}; this catalogue has {', '.join(self.classes)}")

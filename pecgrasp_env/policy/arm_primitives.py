@@ -1,0 +1,91 @@
+"""The small movements of which a pick consists, as generators: each ``yield`` is one control step.
+
+A generator yields actions (8,) of the control mode `pd_joint_pos` and is sent what the robot then perceives; it returns
+the last percept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+
+from grasping import ROBOTIQ_2F_140
+from pecgrasp_env.motion.trajectory import MotionError, straight_line, time_law
+from pecgrasp_env.policy.perception import Percept
+from pecgrasp_env.robot import forward_kinematics
+
+Steps = Generator[np.ndarray, Percept, Any]
+
+_STILL_OPENING_M = 0.0003  # a gripper whose opening changes by less within a step has stopped
+_LONGEST_CLOSING_STEPS = 30
+_OPENING_STEPS = 10
+_SAFE_TOOL_M = 0.45  # height of tool0 at which the fingertips pass over everything on the table
+_SETTLED_RAD = 0.01
+# Following a path of half speed the arm lags by 0.015 rad and the opening by less than 0.1 mm.
+_BLOCKED_RAD = 0.03
+_BLOCKED_OPENING_M = 0.0015
+_LONGEST_SETTLING_STEPS = 15
+
+
+class ArmSteps:
+    """Moves the arm and the gripper. control_dt: seconds between two steps; force: limit of the grip, N."""
+
+    def __init__(self, percept: Percept, control_dt: float, force: float) -> None:
+        self.force = force
+        self._control_dt = control_dt
+        self.command = np.array([*percept.q, ROBOTIQ_2F_140.stroke, force], np.float32)
+
+    def _action(self, q: np.ndarray, opening: float) -> np.ndarray:
+        self.command = np.array([*q, opening, self.force], np.float32)
+        return self.command
+
+    def go(
+        self, waypoints: np.ndarray, percept: Percept, *, opening: float, speed: float = 1.0, careful: bool = False
+    ) -> Steps:
+        """Follow joint waypoints (K, 6) and wait until the arm is there; ``careful`` stops where something resists."""
+        for q in time_law(waypoints, self._control_dt, speed):
+            percept = yield self._action(q, opening)
+            if careful and self.blocked(percept, opening):
+                return (yield self._action(percept.q, opening))
+        for _ in range(_LONGEST_SETTLING_STEPS):
+            if np.abs(percept.q - waypoints[-1]).max() < _SETTLED_RAD:
+                break
+            percept = yield self._action(waypoints[-1], opening)
+        return percept
+
+    def blocked(self, percept: Percept, opening: float) -> bool:
+        """Whether the arm or the fingers are kept from where they were sent, further than they lag by themselves."""
+        lag = float(np.abs(percept.q - self.command[:6]).max())
+        return lag > _BLOCKED_RAD or abs(percept.opening - opening) > _BLOCKED_OPENING_M
+
+    def close(self, percept: Percept) -> Steps:
+        """Close and wait until the fingers stand still, on something or on each other."""
+        still = 0
+        for _ in range(_LONGEST_CLOSING_STEPS):
+            before = percept.opening
+            percept = yield self._action(self.command[:6], 0.0)
+            still = still + 1 if abs(percept.opening - before) < _STILL_OPENING_M else 0
+            if still == 3:
+                break
+        return percept
+
+    def let_go(self, percept: Percept) -> Steps:
+        """Open where the hand is."""
+        for _ in range(_OPENING_STEPS):
+            percept = yield self._action(self.command[:6], ROBOTIQ_2F_140.stroke)
+        return percept
+
+    def rise(self, percept: Percept) -> Steps:
+        """Straight up with an open hand, as far as the arm reaches, out of what stands around."""
+        T = forward_kinematics(percept.q)
+        for height in np.arange(_SAFE_TOOL_M - T[2, 3], 0.0, -0.05):
+            T_up = T.copy()
+            T_up[2, 3] += height
+            try:
+                line = straight_line(percept.q, T, T_up)
+            except MotionError:
+                continue
+            return (yield from self.go(line, percept, opening=ROBOTIQ_2F_140.stroke))
+        return percept

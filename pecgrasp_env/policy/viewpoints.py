@@ -1,0 +1,59 @@
+"""Postures from which the wrist camera looks at the table: from above, and from the sides where that was not enough."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pecgrasp_env.motion.trajectory import solutions_near
+from pecgrasp_env.robot import T_TOOL0_CAMERA
+from pecgrasp_env.robot.kinematics import HOME
+
+# Where the camera is and what it looks at, base frame, metres.
+_TARGET = (0.50, 0.0, 0.02)
+_HEIGHT = 0.42  # m of the camera above the table where one object is looked at from straight above
+_EYES = ((0.50, 0.0, 0.55), (0.38, 0.18, 0.48), (0.38, -0.18, 0.48), (0.30, 0.0, 0.45))
+
+
+def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> np.ndarray:
+    """T_base_camera (4, 4), OpenCV axes, of a camera at ``eye`` that looks at ``target`` with the robot's x axis up in
+    the picture.
+    """
+    forward = np.subtract(target, eye)
+    forward /= np.linalg.norm(forward)
+    down = -np.array([1.0, 0.0, 0.0])
+    down -= (down @ forward) * forward
+    down /= np.linalg.norm(down)
+    T = np.eye(4)
+    T[:3, :3] = np.stack([np.cross(down, forward), down, forward], axis=1)
+    T[:3, 3] = eye
+    return T
+
+
+@lru_cache(maxsize=1)
+def look_postures() -> tuple[np.ndarray, ...]:
+    """Joint angles (6,) of each view, the one from above first."""
+    postures = []
+    for eye in _EYES:
+        solutions = solutions_near(look_at(eye, _TARGET) @ np.linalg.inv(T_TOOL0_CAMERA), HOME, HOME)
+        if not len(solutions):
+            raise ValueError(f"the camera cannot be brought to {eye}")
+        postures.append(solutions[0])
+    return tuple(postures)
+
+
+def posture_above(place: np.ndarray, turn: int) -> np.ndarray:
+    """Joint angles (6,) from which the camera looks straight down on a place (3,), base frame, m, as near to it as the
+    arm reaches. turn: 1, 2, … how often it was looked at so before; each time the camera is turned a little.
+    """
+    for height in (_HEIGHT, _HEIGHT + 0.08):
+        for shrink in (1.0, 0.9, 0.8):
+            x, y = float(place[0]) * shrink, float(place[1]) * shrink
+            T = look_at((x, y, height), (x, y, 0.0))
+            T[:3, :3] = T[:3, :3] @ Rotation.from_euler("z", 0.3 * (turn if turn % 2 else -turn)).as_matrix()
+            solutions = solutions_near(T @ np.linalg.inv(T_TOOL0_CAMERA), HOME, HOME)
+            if len(solutions):
+                return solutions[0]
+    return look_postures()[0]

@@ -1,0 +1,107 @@
+"""The objects of a scene: drawn, given weight and surface, and built into every sub-environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.utils.structs.actor import Actor
+from sapien.physx import PhysxMaterial
+from scipy.spatial import ConvexHull
+
+from pecgrasp_env.objects import ObjectModel
+from pecgrasp_env.objects.model import LIGHTEST
+from pecgrasp_env.scene import draw_objects as choice
+
+# m/s at which PhysX may push overlapping bodies apart. Without a limit, its default, an object that a finger of the
+# stiff arm comes down on is shot away at 6 m/s; at 0.5 m/s pads sink into thin objects and let them go.
+MAX_DEPENETRATION_SPEED = 2.0
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What may lie on a table.
+
+    source: a `Catalogue`, a `MeshFolder` or whatever has their ``classes``, ``names`` and ``load``. classes: those that
+    are drawn from. twins: the asked-for class comes twice. friction, mass_scale: limits of uniform draws, one for each
+    object, of both friction coefficients and of what its mass is multiplied by; None: the objects' own.
+    """
+
+    source: Any
+    classes: tuple[str, ...]
+    n_objects: int
+    twins: bool
+    friction: tuple[float, float] | None
+    mass_scale: tuple[float, float] | None
+
+    def draw(self, rng: np.random.Generator) -> list[ObjectModel]:
+        slots = choice.draw_classes(len(self.classes), self.n_objects, self.twins, rng)
+        return choice.draw_instances(self.source, [self.classes[i] for i in slots], rng)
+
+    def draw_physics(self, rng: np.random.Generator) -> list[tuple[float, PhysxMaterial | None]]:
+        """Of each object what its mass is multiplied by, and its surface; None: its own."""
+        drawn: list[tuple[float, PhysxMaterial | None]] = []
+        for _ in range(self.n_objects):
+            scale = float(rng.uniform(*self.mass_scale)) if self.mass_scale else 1.0
+            friction = float(rng.uniform(*self.friction)) if self.friction else None
+            drawn.append((scale, None if friction is None else PhysxMaterial(friction, friction, 0.0)))
+        return drawn
+
+
+class SceneObjects:
+    """Objects in N sub-environments, K in each; built once in a configuration of the scene.
+
+    models: N lists of K. actors: K, each in all sub-environments. slot_class: (N, K) long, index of each object's
+    class. askable: for each sub-environment which objects may be the asked-for one. instances: (N, K) long, numbers
+    among all instances of the source. hull_vertices: (N, K, V, 3) m, in the objects' frames, for `outcome.air_below`.
+    """
+
+    def __init__(
+        self, env: BaseEnv, recipe: Recipe, draws: Sequence[np.random.Generator], physics: Sequence[np.random.Generator]
+    ) -> None:
+        """draws, physics: generators, one for each sub-environment."""
+        self.models = [recipe.draw(rng) for rng in draws]
+        self._physics = [recipe.draw_physics(rng) for rng in physics]
+        self.actors = [self._build(env, slot) for slot in range(recipe.n_objects)]
+        classes = [[recipe.classes.index(model.class_name) for model in models] for models in self.models]
+        self.slot_class = torch.tensor(classes, device=env.device)
+        self.askable = [choice.askable(np.array(row), recipe.twins) for row in classes]
+        names = [(name, instance) for name in recipe.classes for instance in recipe.source.names(name)]
+        numbers = [[names.index((model.class_name, model.instance)) for model in models] for models in self.models]
+        self.instances = torch.tensor(numbers, device=env.device)
+        hulls = [[_hull(np.concatenate(model.hulls)) for model in models] for models in self.models]
+        most = max(len(hull) for row in hulls for hull in row)
+        # Repeating the last vertex pads without moving the lowest point.
+        padded = np.array([[np.pad(h, ((0, most - len(h)), (0, 0)), mode="edge") for h in row] for row in hulls])
+        self.hull_vertices = torch.tensor(padded, dtype=torch.float32, device=env.device)
+
+    def _build(self, env: BaseEnv, slot: int) -> Actor:
+        parts = []
+        for i, (models, physics) in enumerate(zip(self.models, self._physics, strict=True)):
+            (scale, surface), model = physics[slot], models[slot]
+            builder = env.scene.create_actor_builder()
+            model.add_to(builder, material=surface)
+            for record in builder.collision_records:
+                record.density *= max(scale, LIGHTEST / model.mass)
+            builder.set_scene_idxs([i])
+            builder.initial_pose = sapien.Pose([0.5, 0.3 * slot, 0.5])
+            parts.append(builder.build(name=f"object_{slot}_{i}"))
+            for body in parts[-1]._bodies:
+                body.max_depenetration_velocity = MAX_DEPENETRATION_SPEED
+            env.remove_from_state_dict_registry(parts[-1])
+        actor = Actor.merge(parts, name=f"object_{slot}")
+        env.add_to_state_dict_registry(actor)
+        return actor
+
+    def poses(self) -> torch.Tensor:
+        """(N, K, 7), world frame, m and quaternion wxyz."""
+        return torch.stack([actor.pose.raw_pose for actor in self.actors], dim=1)
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    return points[ConvexHull(points).vertices]

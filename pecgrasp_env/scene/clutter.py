@@ -1,0 +1,121 @@
+"""How densely objects lie: apart, close to each other, or leaning against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pecgrasp_env.objects import ObjectModel
+from pecgrasp_env.scene.placement import PlacementError, Region, arrange, drop_each, move, outline_of, separation, turn
+from pecgrasp_env.scene.settling import push_together
+
+CLUTTERS = ("apart", "close", "touching")
+CLOSE_GAP_M = (0.005, 0.02)
+_TOUCHING_GAP_M = (0.002, 0.004)  # before they are pushed together
+_STRIDE_M = 0.01
+_BISECTIONS = 12
+_CROWDS = 40
+_SIDES = 12  # from which an object may be moved up until the crowd fits
+_FEW = 5  # objects that find room in any order
+
+
+def lay_out(
+    models: Sequence[ObjectModel],
+    rng: np.random.Generator,
+    region: Region,
+    clutter: str = "apart",
+    clearance: float = 0.03,
+) -> np.ndarray:
+    """Poses (n, 7), world frame, in which the objects rest on z = 0 inside the region.
+
+    Each object falls in a random orientation, so it may lie on any face it can lie on. Then, by ``clutter``:
+    - "apart": turned about the vertical and put anywhere, outlines at least ``clearance`` metres from each other;
+    - "close": one after another moved up, from a random side, to those already there, until its outline is
+      5 to 20 mm (uniform) from the nearest;
+    - "touching": the same, then pushed together until each leans against another one, and come to rest again.
+
+    Outlines are the convex ones seen from above, so bodies are at least as far apart.
+
+    Raises:
+        PlacementError: an object never comes to rest, or the objects do not fit.
+    """
+    resting = drop_each(models, rng)
+    if clutter == "apart" or len(models) == 1:
+        if len(models) <= _FEW:
+            return arrange(models, resting, rng, region, clearance)
+        # The large ones first: what is small still finds a gap between them.
+        order = np.argsort([-np.prod(np.ptp(outline_of(m, p), axis=0)) for m, p in zip(models, resting, strict=True)])
+        poses = np.empty_like(resting)
+        poses[order] = arrange([models[k] for k in order], resting[order], rng, region, clearance)
+        return poses
+    outlines = [outline_of(model, pose) for model, pose in zip(models, resting, strict=True)]
+    gaps = CLOSE_GAP_M if clutter == "close" else _TOUCHING_GAP_M
+    for _ in range(_CROWDS):
+        places = _crowd(outlines, rng, gaps, region)
+        if places is None:
+            continue
+        poses = np.array([move(pose, yaw, at) for pose, (yaw, at) in zip(resting, places, strict=True)])
+        if clutter == "close":
+            return poses
+        poses, at_rest, touching = push_together(models, poses)
+        if at_rest.all() and touching.all() and _inside(models, poses, region):
+            return poses
+    names = ", ".join(model.instance for model in models)
+    raise PlacementError(f"{len(models)} objects ({names}) do not fit in {region} with clutter={clutter!r}")
+
+
+def _crowd(
+    outlines: Sequence[np.ndarray], rng: np.random.Generator, gaps: tuple[float, float], region: Region
+) -> list[tuple[float, np.ndarray]] | None:
+    """Yaw and place (2,) of each outline (K, 2), each but the first moved up to the others; None: no room for one.
+
+    The crowd grows round the origin and is then put somewhere in the region.
+    """
+    places: list[tuple[float, np.ndarray]] = []
+    placed: list[np.ndarray] = []
+    size = np.array([region.x_max - region.x_min, region.y_max - region.y_min])
+    for outline in outlines:
+        for _ in range(_SIDES):
+            yaw = float(rng.uniform(-np.pi, np.pi))
+            turned = turn(outline, yaw)
+            at = np.zeros(2)
+            if placed:
+                towards = np.mean([place for _, place in places], axis=0)
+                at = _move_up(turned, placed, towards, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(*gaps)))
+            if (np.ptp(np.concatenate([*placed, turned + at]), axis=0) <= size).all():
+                break
+        else:
+            return None
+        places.append((yaw, at))
+        placed.append(turned + at)
+    points = np.concatenate(placed)
+    free = size - np.ptp(points, axis=0)
+    shift = np.array([region.x_min, region.y_min]) - points.min(axis=0) + rng.uniform(size=2) * free
+    return [(yaw, at + shift) for yaw, at in places]
+
+
+def _move_up(
+    outline: np.ndarray, placed: Sequence[np.ndarray], anchor: np.ndarray, heading: float, gap: float
+) -> np.ndarray:
+    """The shift (2,) at which an outline that comes in towards the anchor is ``gap`` metres from the nearest one."""
+    way = np.array([np.cos(heading), np.sin(heading)])
+
+    def clear(distance: float) -> bool:
+        here = outline + anchor + distance * way
+        return all(separation(here, other) >= gap for other in placed)
+
+    far = float(np.ptp(np.concatenate([*placed, outline]), axis=0).sum()) + np.ptp(outline, axis=0).sum() + gap
+    while clear(far - _STRIDE_M):
+        far -= _STRIDE_M
+    near = far - _STRIDE_M
+    for _ in range(_BISECTIONS):
+        middle = (near + far) / 2
+        near, far = (near, middle) if clear(middle) else (middle, far)
+    return anchor + far * way
+
+
+def _inside(models: Sequence[ObjectModel], poses: np.ndarray, region: Region) -> bool:
+    points = np.concatenate([outline_of(model, pose) + pose[:2] for model, pose in zip(models, poses, strict=True)])
+    low, high = (region.x_min, region.y_min), (region.x_max, region.y_max)
+    return bool((points >= low).all() and (points <= high).all())
