@@ -6,7 +6,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from pec.errors import CheckpointError, ConfigError, DatasetError, TrainingError
-from pec.training.train import train
+from pec.training.loop import train
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="train")

@@ -29,7 +29,7 @@ def test_it_is_the_same_wherever_the_tree_lies(tree):
     ("file", "changes_training", "changes_episodes"),
     [
         ("pec/preprocessing/ordering.py", True, True),
-        ("pec/training/train.py", True, False),
+        ("pec/training/loop.py", True, False),
         ("pec/experiments/comparison.py", False, False),
         ("grasping/curvature_planner/scoring.py", False, True),
         ("grasping/baselines/geograsp.py", False, True),

@@ -1,7 +1,7 @@
 """A grid of training runs whose cells are kept: `run_cell` trains one, `write_table` sets them side by side.
 
 FOLDER/cells/KEY/cell.json      what the cell is; "done", "unfinished" or "failed", and why
-FOLDER/cells/KEY/results.json   and all else that `pec.training.train` leaves there
+FOLDER/cells/KEY/results.json   and all else that `pec.training.loop` leaves there
 FOLDER/table.md, table.csv, results.json, *.svg    what `write_table` makes of the cells of the present code
 
 KEY is the hash of the cell's resolved settings, its data and the code: a cell that is done is not run again, one that
@@ -20,7 +20,7 @@ from typing import Any
 
 from pec.data.dataset import data_version
 from pec.experiments.code_version import code_version
-from pec.training.train import train
+from pec.training.loop import train
 
 __all__ = ["cell_code", "cell_key", "read_cells", "run_cell"]
 
@@ -28,7 +28,7 @@ __all__ = ["cell_code", "cell_key", "read_cells", "run_cell"]
 _BESIDE = ("output", "threads", "device", "cache", "progress", "name", "folder", "table")
 
 # From here on, imports lead to all that has a part in a cell's numbers.
-_CODE = (("pec.training.train",), ("torch", "numpy"))
+_CODE = (("pec.training.loop",), ("torch", "numpy"))
 
 
 @cache

@@ -1,5 +1,5 @@
 """Training runs: settings, the loop, and what a finished run leaves."""
 
-from pec.training.train import train
+from pec.training.loop import train
 
 __all__ = ["train"]

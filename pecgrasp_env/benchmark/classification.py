@@ -125,7 +125,7 @@ def _clouds(path: Path, seed: int) -> Path:
 
 
 def _run(data: Path, precision: str, threads: int, epochs: int) -> Timing:
-    from pec.training.train import train
+    from pec.training.loop import train
 
     output = data.with_name(f"{precision}_{epochs}")
     published = {"selection": "evaluation split", "batch_size": None, "learning_rate": 0.01, "schedule": "constant"}

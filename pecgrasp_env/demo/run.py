@@ -26,7 +26,7 @@ import imageio_ffmpeg  # type: ignore[import-untyped]
 import numpy as np
 from tqdm import tqdm
 
-from pec.training.train import train
+from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.demo.episode_record import EpisodeRecord, load_record

@@ -21,7 +21,7 @@ import numpy as np
 
 from pec import Classifier
 from pec.data.dataset import CloudDataset, load_dataset
-from pec.training.train import train
+from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.experiments.scene_clouds import capture_scenes

@@ -15,7 +15,7 @@ from pec.errors import ConfigError, DatasetError
 from pec.experiments.comparison import compare_classifiers, comparison_table
 from pec.statistics import mcnemar, wilson_interval
 from pec.training.finished_runs import read_finished
-from pec.training.train import train
+from pec.training.loop import train
 
 ROOT = Path(__file__).parents[2]
 

@@ -133,7 +133,8 @@ import sys
 sys.modules["pec.preprocessing._kernels"] = None  # as where it was not compiled
 import numpy as np
 import torch
-from pec import PEC, Classifier, kernels
+from pec import PEC, Classifier
+from pec.preprocessing import compiled as kernels
 from pec.checkpoint import Checkpoint
 from pec.preprocessing.preprocess import Preprocess
 assert not kernels.AVAILABLE

@@ -6,7 +6,7 @@ import torch
 from pec.networks.initialise import scale_initial_weights
 from pec.networks.pec import PEC
 from pec.networks.pec2 import PEC2
-from pec.training import train as training
+from pec.training import loop as training
 
 
 def test_it_is_smaller_than_the_published_network():

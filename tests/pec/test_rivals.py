@@ -18,7 +18,7 @@ from pec.networks.baselines import NearestNeighbours, PointNet
 from pec.networks.baselines.knn import describe
 from pec.networks.baselines.neighbourhoods import farthest_points, nearest, squared_distances, take
 from pec.networks.registry import MODELS, build_model, fast_forward
-from pec.training.train import train
+from pec.training.loop import train
 
 RIVALS = [name for name in MODELS if not name.startswith("pec")]
 NETWORKS = [name for name in RIVALS if name != "knn"]

@@ -24,7 +24,7 @@ from pec.data.corruptions import (
 )
 from pec.errors import CheckpointError, ConfigError
 from pec.experiments.robustness import measure_robustness, robustness_table
-from pec.training.train import train
+from pec.training.loop import train
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,7 +7,7 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from pec import PEC
 from pec.networks.registry import build_model
 from pec.training.costs import multiply_adds
-from pec.training.train import train
+from pec.training.loop import train
 
 
 @pytest.fixture(scope="module")

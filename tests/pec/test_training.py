@@ -19,8 +19,8 @@ from pec.data.dataset import load_dataset
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.threads import torch_threads
 from pec.training.config import read_config
+from pec.training.loop import log_class_shares, train
 from pec.training.run_split import split
-from pec.training.train import log_class_shares, train
 
 
 def _settings(shapes: Path, output: Path, **changes) -> dict:
