@@ -15,7 +15,7 @@ from pecgrasp_env.experiments.scene_clouds import capture_scenes
 from pecgrasp_env.experiments.transfer import cluster_interval, run_transfer, table
 from pecgrasp_env.objects import make_object
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[3] / "conf"
 
 
 def configured(*overrides):

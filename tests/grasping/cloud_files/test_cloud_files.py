@@ -291,7 +291,7 @@ def test_an_archive_with_a_damaged_member_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_real_mesh_is_read() -> None:
-    data = Path(__file__).resolve().parents[3] / "shared" / "data"
+    data = Path(__file__).resolve().parents[4] / "shared" / "data"
     if not data.is_dir():
         pytest.skip(f"no real data at {data}")
     points = read_cloud(data / "meshes/ycb5/mug/025_mug.ply")

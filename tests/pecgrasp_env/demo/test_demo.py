@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from pecgrasp_env.demo.run import run_demo
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[3] / "conf"
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from grasping.viewer.gripper_mesh import gripper_parts
 from grasping.viewer.html import page
 
 HAND_85 = Gripper.from_mapping(
-    OmegaConf.to_container(OmegaConf.load(Path(__file__).parents[2] / "conf/gripper/robotiq_2f_85.yaml"))
+    OmegaConf.to_container(OmegaConf.load(Path(__file__).parents[3] / "conf/gripper/robotiq_2f_85.yaml"))
 )
 HAND = Gripper("hand", 0.08, 0.02, 0.018, 0.01, max_force=70, min_force=5, palm_depth=0.066, depth_offset=0.1034)
 HOSTILE = '</script><b>"it\'s" & co</b><!--'

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 import grasping
 from pecgrasp_env.objects import make_object
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[3] / "conf"
 NAMES = sorted(path.stem for path in (CONF / "planner").glob("*.yaml"))
 
 

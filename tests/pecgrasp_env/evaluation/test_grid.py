@@ -27,7 +27,7 @@ from pecgrasp_env.evaluation.paired_tests import ALL, Comparison, PairingError, 
 from pecgrasp_env.evaluation.run import Protocol, read_episodes
 from pecgrasp_env.evaluation.tables import as_results, markdown, read_evaluation
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
 TABLE = {"title": "A title", "reference": "default", "published": {"theirs": {"can": 90, "mug": 70}}, "notes": ["So."]}
 

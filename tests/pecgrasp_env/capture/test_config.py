@@ -14,7 +14,7 @@ from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig
 from pecgrasp_env.objects import CLASSES, LARS_CLASSES
 from pecgrasp_env.sensor import SensorError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 LARS = CaptureConfig(objects=ObjectsConfig(instances_per_class=2), resolutions=("848x480",))

@@ -7,7 +7,7 @@ import pytest
 
 from grasping import CurvaturePlanner, PublishedPlanner, Segmenter
 
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason=f"no real data at {REAL.parent}")
 
 

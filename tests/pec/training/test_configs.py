@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from pec.training.config import TrainConfig, read_config
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[3] / "conf"
 
 
 def _names(group: str) -> list[str]:

@@ -17,7 +17,7 @@ from pec.statistics import mcnemar, wilson_interval
 from pec.training.finished_runs import read_finished
 from pec.training.loop import train
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, gen
 from pecgrasp_env.common.job_share import JobShare, JobShareError
 from pecgrasp_env.objects import ObjectError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SMALL = CaptureConfig(
     objects=ObjectsConfig(classes=("can", "plug_adapter"), instances_per_class=2),
     samples_per_instance=12,

@@ -19,7 +19,7 @@ from pec.experiments.grid_table import write_table
 from pec.experiments.svg_chart import chart
 from pec.statistics import wilson_interval
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def _settings(shapes, folder, **changes):

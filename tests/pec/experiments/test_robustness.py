@@ -26,7 +26,7 @@ from pec.errors import CheckpointError, ConfigError
 from pec.experiments.robustness import measure_robustness, robustness_table
 from pec.training.loop import train
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def _cloud(n: int = 1024, seed: int = 0) -> np.ndarray:

@@ -26,7 +26,7 @@ from pecgrasp_env.capture.shard_plan import open_source
 from pecgrasp_env.objects import ObjectError, make_object, ycb
 from pecgrasp_env.objects.modelnet import ModelNetArchive, read_off
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[3] / "conf"
 YCB = ["mug", "tuna_can", "controller", "bowl", "mustard_bottle"]
 
 

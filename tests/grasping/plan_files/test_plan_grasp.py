@@ -24,7 +24,7 @@ from grasping import ConfigError, CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
 from grasping.plan_files.run import plan_files
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def script(*arguments: str) -> subprocess.CompletedProcess[str]:
