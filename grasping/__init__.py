@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, Any
 from grasping.curvature_planner.compiled_backend import AVAILABLE as compiled
 from grasping.curvature_planner.planner import CurvaturePlanner
 from grasping.errors import CloudError, ConfigError
-from grasping.grasp import Grasp, GraspPlan, RegionReport
+from grasping.grasp import Grasp, GraspPlan, GraspPlanner, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 
 if TYPE_CHECKING:
     from grasping.baselines import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
     from grasping.baselines.published.planner import PublishedPlanner
     from grasping.fusion.fuse import Fused, FusedView, fuse
-    from grasping.segmentation.segmenter import Rejected, Scene, Segmenter
+    from grasping.segmentation.scene import Rejected, Scene
+    from grasping.segmentation.segmenter import Segmenter
     from grasping.selective import Selection, SelectiveGrasper
 
 # These load SciPy, which takes longer than all else here: on their first use.
@@ -32,8 +33,8 @@ _LATER = {
     "CentroidPlanner": "baselines",
     "GeoGraspPlanner": "baselines",
     "SinglePrimitivePlanner": "baselines",
-    "Rejected": "segmentation.frame",
-    "Scene": "segmentation.frame",
+    "Rejected": "segmentation.scene",
+    "Scene": "segmentation.scene",
     "Segmenter": "segmentation.segmenter",
     "Selection": "selective",
     "SelectiveGrasper": "selective",
@@ -50,6 +51,7 @@ __all__ = [
     "GeoGraspPlanner",
     "Grasp",
     "GraspPlan",
+    "GraspPlanner",
     "Gripper",
     "PublishedPlanner",
     "RegionReport",

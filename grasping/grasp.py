@@ -1,13 +1,13 @@
-"""What a planner returns: a ranked list of grasps, what it thought of each region, and why there is none."""
+"""What every planner does and returns: a ranked list of grasps, a report on each region, and why there is none."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Primitive = Literal["sphere", "cylinder", "box"]
 FloatArray = NDArray[np.float64]
@@ -60,6 +60,24 @@ class GraspPlan:
     candidates: list[Grasp]
     regions: list[RegionReport]
     reason: str | None
+
+
+class GraspPlanner(Protocol):
+    """What every planner of this package does, and yours where it is given to a policy, an evaluation or a page."""
+
+    def plan(
+        self,
+        points: ArrayLike,
+        *,
+        up: ArrayLike | None = None,
+        table: ArrayLike | None = None,
+        obstacles: ArrayLike | None = None,
+    ) -> GraspPlan:
+        """Plan on the cloud (N, 3) of one object, m, in any frame.
+
+        up: (3,) away from the table. table: plane (4,), n·p + d = 0. obstacles: (K, 3) points of other things.
+        All in the cloud's frame.
+        """
 
 
 def plan_from(candidates: list[Grasp], regions: list[RegionReport], reason: str) -> GraspPlan:

@@ -4,30 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import ConfigError
-from grasping.grasp import GraspPlan
-from grasping.segmentation.segmenter import Scene, Segmenter
+from grasping.grasp import GraspPlan, GraspPlanner
+from grasping.segmentation.scene import Scene
+from grasping.segmentation.segmenter import Segmenter
 
 FloatArray = NDArray[np.float64]
 Classify = Callable[[FloatArray], tuple[str, float]]
-
-
-class Planner(Protocol):
-    """What every planner of this package does."""
-
-    def plan(
-        self,
-        points: ArrayLike,
-        *,
-        up: ArrayLike | None = None,
-        table: ArrayLike | None = None,
-        obstacles: ArrayLike | None = None,
-    ) -> GraspPlan: ...
 
 
 @dataclass(frozen=True)
@@ -54,7 +41,7 @@ class SelectiveGrasper:
     """
 
     def __init__(
-        self, classify: Classify, planner: Planner, segmenter: Segmenter | None = None, min_confidence: float = 0.0
+        self, classify: Classify, planner: GraspPlanner, segmenter: Segmenter | None = None, min_confidence: float = 0.0
     ) -> None:
         if not 0.0 <= min_confidence <= 1.0:
             raise ConfigError(f"min_confidence = {min_confidence!r} must be between 0 and 1")

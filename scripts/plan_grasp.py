@@ -14,7 +14,8 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from grasping import CloudError, ConfigError, Gripper
-from grasping.plan_files.run import Task, cloud_paths, frame_up, plan_files
+from grasping.plan_files.plan_file import Task
+from grasping.plan_files.run import cloud_paths, frame_up, plan_files
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="plan")

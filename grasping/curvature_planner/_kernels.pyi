@@ -1,4 +1,4 @@
-"""The compiled kernels, written in _kernels.c. Arrays are contiguous; points are rows x, y, height of (3, N) arrays."""
+"""The compiled kernels, written in csrc/. Arrays are contiguous; points are rows x, y, height of (3, N) arrays."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,15 +34,15 @@ def scan(
     centre_y: float,
     finger: int,
     wished: int,
-    holds: NDArray[np.float64],
+    candidates: NDArray[np.float64],
     /,
 ) -> tuple[int, float, float]:
-    """Fill `holds` (9, 160), one column a hold; return their number, how many are too wide, their least width."""
+    """Fill `candidates` (9, 160), a column each; return their number, how many are too wide, their least width."""
 
 def rank(
     object: NDArray[np.float64],
     others: NDArray[np.float64],
-    holds: NDArray[np.float64],
+    candidates: NDArray[np.float64],
     count: int,
     centre_x: float,
     centre_y: float,
@@ -51,7 +51,7 @@ def rank(
     problems: NDArray[np.int64],
     /,
 ) -> tuple[int, int]:
-    """Fill `ranked` (18, 64), one column a hold, or `problems` (64,) where none holds; return the number of either."""
+    """Fill `ranked` (18, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
 
 def survey(
     object: NDArray[np.float64],

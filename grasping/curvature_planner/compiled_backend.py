@@ -1,4 +1,4 @@
-"""The compiled kernels behind the signatures of their NumPy references: the same results to the last bit, sooner.
+"""The compiled kernels behind the signatures of `numpy_backend`: the same results to the last bit, sooner.
 
 `AVAILABLE` says whether this installation has them: without a compiler at hand, or after a change of the sources that
 was not built yet, it has not, and the planner takes the references.
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.approach_view import View
+from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.contact_refinement import Contacts
-from grasping.curvature_planner.finger_scan import MEASURED, Holds, Scan, bins_of_room
+from grasping.curvature_planner.finger_scan import MEASURED, Candidates, Scan, bins_of_room
 from grasping.curvature_planner.grasp_clusters import HEADING, PLACE, SAG, SAME_HEADING, SAME_PLACE, SLIDE, WIDTH
 from grasping.curvature_planner.ranking import (
     BLUR,
@@ -28,7 +28,7 @@ from grasping.curvature_planner.ranking import (
     Ranked,
     Rules,
 )
-from grasping.curvature_planner.region_report import Parts
+from grasping.curvature_planner.region_report import RegionMeasures
 from grasping.curvature_planner.scoring import (
     ALIKE_HEADING,
     ALIKE_PLACE,
@@ -42,7 +42,7 @@ from grasping.geometry.primitives import FLAT
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 5  # as in _kernels.c
+INTERFACE = 5  # as in csrc/module.c
 MOST_TRIED = 64  # likewise
 
 
@@ -56,67 +56,82 @@ def _load() -> Any:
 
 _KERNELS = _load()
 AVAILABLE = _KERNELS is not None
+_NONE = np.empty(0)
 
 
-def short_side(cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float, float]:
-    """`projection.short_side`."""
-    return _KERNELS.short_side(cloud, np.ascontiguousarray(axes), cell)
+class CompiledBackend:
+    """A `backend.Backend`, where `AVAILABLE`."""
 
+    @staticmethod
+    def short_side(cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float, float]:
+        """`projection.short_side`."""
+        return _KERNELS.short_side(cloud, np.ascontiguousarray(axes), cell)
 
-def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
-    """`projection.thin`."""
-    thinned = np.empty_like(cloud)
-    return np.ascontiguousarray(thinned[:, : _KERNELS.thin(cloud, np.ascontiguousarray(axes), box, thinned)])
+    @staticmethod
+    def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
+        """`projection.thin`."""
+        thinned = np.empty_like(cloud)
+        return np.ascontiguousarray(thinned[:, : _KERNELS.thin(cloud, np.ascontiguousarray(axes), box, thinned)])
 
+    @staticmethod
+    def place(
+        cloud: FloatArray, axes: FloatArray, table_height: float | None, cell: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`projection.place`."""
+        local = np.empty_like(cloud)
+        height = math.nan if table_height is None else table_height
+        *middle, x, y = _KERNELS.place(cloud, np.ascontiguousarray(axes), height, cell, local)
+        return local, np.array(middle), np.array([x, y])
 
-def place(
-    cloud: FloatArray, axes: FloatArray, table_height: float | None, cell: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`projection.place`."""
-    local = np.empty_like(cloud)
-    height = math.nan if table_height is None else table_height
-    *middle, x, y = _KERNELS.place(cloud, np.ascontiguousarray(axes), height, cell, local)
-    return local, np.array(middle), np.array([x, y])
+    @staticmethod
+    def scan(
+        points: FloatArray,
+        obstacles: FloatArray,
+        *,
+        tips: FloatArray,
+        headings: FloatArray,
+        pad_width: float,
+        finger_room: float,
+        wished_room: float,
+        greatest_width: float,
+        reach: float,
+        centre: FloatArray,
+    ) -> Scan:
+        """`finger_scan.scan`."""
+        finger, wished = bins_of_room(finger_room, wished_room)
+        found = np.empty((9, MEASURED))
+        turns = (headings, np.cos(headings), np.sin(headings))
+        lengths = (pad_width, wished_room, greatest_width, reach, *centre.tolist())
+        count, too_wide, narrowest = _KERNELS.scan(points, obstacles, tips, *turns, *lengths, finger, wished, found)
+        heading, x, y, tip, width, overlap, angle, room, whole = found[:, :count]
+        return Scan(Candidates(heading, x, y, tip, width, overlap, angle, room, whole > 0.0), int(too_wide), narrowest)
 
+    @staticmethod
+    def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
+        """`ranking.rank`."""
+        coarse = np.empty((9, len(candidates)))
+        for row, name in zip(coarse, Candidates.__dataclass_fields__, strict=True):
+            row[:] = getattr(candidates, name)
+        found, problems = np.empty((18, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
+        centre = view.centre.tolist()
+        count, refused = _KERNELS.rank(
+            view.points, view.obstacles, coarse, len(candidates), *centre, _numbers(rules), found, problems
+        )
+        heading, x, y, width, angle, contact, overlap, gap, empty, score, tip, whole, *rest = found[:, :count]
+        contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, gap, empty > 0.0)
+        named = dict(zip(("angle", "overlap", "centre", "room", "narrow"), rest[:-1], strict=True))
+        terms = {"contact": contact, **named, "whole": whole, "opening": rest[-1]} if count else {}
+        return Ranked(contacts, terms, score, [PROBLEMS[index] for index in problems[:refused].tolist()])
 
-def scan(
-    points: FloatArray,
-    obstacles: FloatArray,
-    *,
-    tips: FloatArray,
-    headings: FloatArray,
-    pad_width: float,
-    finger_room: float,
-    wished_room: float,
-    greatest_width: float,
-    reach: float,
-    centre: FloatArray,
-) -> Scan:
-    """`profiles.scan`."""
-    finger, wished = bins_of_room(finger_room, wished_room)
-    found = np.empty((9, MEASURED))
-    turns = (headings, np.cos(headings), np.sin(headings))
-    lengths = (pad_width, wished_room, greatest_width, reach, *centre.tolist())
-    count, too_wide, narrowest = _KERNELS.scan(points, obstacles, tips, *turns, *lengths, finger, wished, found)
-    heading, x, y, tip, width, overlap, angle, room, whole = found[:, :count]
-    return Scan(Holds(heading, x, y, tip, width, overlap, angle, room, whole > 0.0), int(too_wide), narrowest)
-
-
-def rank(view: View, holds: Holds, rules: Rules) -> Ranked:
-    """`ranking.rank`."""
-    coarse = np.empty((9, len(holds)))
-    for row, name in zip(coarse, Holds.__dataclass_fields__, strict=True):
-        row[:] = getattr(holds, name)
-    found, problems = np.empty((18, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
-    centre = view.centre.tolist()
-    count, refused = _KERNELS.rank(
-        view.points, view.obstacles, coarse, len(holds), *centre, _numbers(rules), found, problems
-    )
-    heading, x, y, width, angle, contact, overlap, gap, empty, score, tip, whole, *rest = found[:, :count]
-    contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, gap, empty > 0.0)
-    named = dict(zip(("angle", "overlap", "centre", "room", "narrow"), rest[:-1], strict=True))
-    terms = {"contact": contact, **named, "whole": whole, "opening": rest[-1]} if count else {}
-    return Ranked(contacts, terms, score, [PROBLEMS[index] for index in problems[:refused].tolist()])
+    @staticmethod
+    def measure_regions(view: ApproachView, candidates: Candidates | None, slab_height: float) -> RegionMeasures:
+        """`region_report.measure_regions`."""
+        count = view.points.shape[1]
+        order, table, measures = np.empty(count, np.int64), np.empty((count, 7), np.int64), np.empty((count, 5))
+        x, y = (_NONE, _NONE) if candidates is None else (candidates.x, candidates.y)
+        found = _KERNELS.survey(view.points, x, y, slab_height, FLAT, order, table, measures)
+        measures = measures[:found]
+        return RegionMeasures(order, table[:found], measures[:, :2], measures[:, 2:4], measures[:, 4])
 
 
 @cache
@@ -140,16 +155,3 @@ def _numbers(rules: Rules) -> FloatArray:
         ],
         dtype=np.float64,
     )
-
-
-def measured_parts(view: View, holds: Holds | None, slab_height: float) -> Parts:
-    """`survey.measured_parts`."""
-    count = view.points.shape[1]
-    order, table, measures = np.empty(count, np.int64), np.empty((count, 7), np.int64), np.empty((count, 5))
-    x, y = (_NONE, _NONE) if holds is None else (holds.x, holds.y)
-    found = _KERNELS.survey(view.points, x, y, slab_height, FLAT, order, table, measures)
-    measures = measures[:found]
-    return Parts(order, table[:found], measures[:, :2], measures[:, 2:4], measures[:, 4])
-
-
-_NONE = np.empty(0)

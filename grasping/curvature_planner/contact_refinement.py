@@ -1,6 +1,7 @@
-"""Holds looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked.
+"""Grasp candidates looked at closely, on all points: turned to lie flat on their contacts, centred, measured, checked.
 
-This is the reference of what `kernels.rank` does with each hold: sums and products stand in a fixed order.
+This is the reference of what `compiled_backend.rank` does with each candidate: sums and products stand in a
+fixed order.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.finger_scan import Holds
-from grasping.geometry import exact_math as exact
+from grasping.curvature_planner.finger_scan import Candidates
+from grasping.geometry import exact_math
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -29,7 +30,7 @@ _SIDES = np.array([[1.0], [-1.0]])
 
 @dataclass(frozen=True)
 class Contacts:
-    """M holds after refinement, arrays of length M. Lengths in m, angles in rad, frame as for `scan`."""
+    """M candidates after refinement, arrays of length M. Lengths in m, angles in rad, frame as for `scan`."""
 
     heading: FloatArray
     x: FloatArray
@@ -44,43 +45,49 @@ class Contacts:
 
 
 def refine(
-    points: FloatArray, blockers: FloatArray, holds: Holds, *, pad_width: float, wished_room: float, reach: float
+    points: FloatArray,
+    blockers: FloatArray,
+    candidates: Candidates,
+    *,
+    pad_width: float,
+    wished_room: float,
+    reach: float,
 ) -> Contacts:
-    """Turn and centre each hold on the points between its pads.
+    """Turn and centre each candidate on the points between its pads.
 
     points (3, N): x, y and height of the object. blockers (3, K): what else a finger could hit, and
     the palm, which is this far (m) behind the tips.
     """
     half = 0.5 * pad_width
-    heading, x, y, tip = holds.heading, holds.x, holds.y, holds.tip
-    search = 0.5 * holds.width + SEARCH
+    heading, x, y, tip = candidates.heading, candidates.x, candidates.y, candidates.tip
+    search = 0.5 * candidates.width + SEARCH
     points = points[:, points[2] > tip.min(initial=np.inf)]
     height = points[2]
     above = height > tip[:, None]
     for step in range(STEPS + 1):
-        cos, sin = exact.cos(heading), exact.sin(heading)
+        cos, sin = exact_math.cos(heading), exact_math.sin(heading)
         along, across = _turned(points, cos, sin, x, y)
         between = above & (np.abs(across) <= half) & (np.abs(along) <= search[:, None])
         chosen = np.flatnonzero(between)
-        hold = chosen // between.shape[1]
+        owner = chosen // between.shape[1]
         u = along.reshape(-1)[chosen]
-        contour = _contours(hold, u, across.reshape(-1)[chosen], half, len(tip))
+        contour = _contours(owner, u, across.reshape(-1)[chosen], half, len(tip))
         slope = _slopes(contour, pad_width) * _SIDES
         # The second contour is measured backwards, so that outermost is least on either side.
         outermost = contour.min(axis=2)
-        empty = ~np.isfinite(outermost[0]) | (np.bincount(hold, minlength=len(tip)) < 3)
+        empty = ~np.isfinite(outermost[0]) | (np.bincount(owner, minlength=len(tip)) < 3)
         outermost[:, empty] = 0.0
         start, end = outermost[0], -outermost[1]
         middle = 0.5 * (start + end)
         from_x, from_y, x, y = x, y, x + cos * middle, y + sin * middle
         if step < STEPS:
-            heading = heading - np.clip(exact.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
+            heading = heading - np.clip(exact_math.arctan(0.5 * (slope[0] + slope[1])), -MOST_TURN, MOST_TURN)
 
-    point = chosen - hold * between.shape[1]
+    point = chosen - owner * between.shape[1]
     u, top = np.stack([u, -u]), np.full((2, len(tip)), -np.inf)
     for side in (0, 1):
-        touched = u[side] <= outermost[side, hold] + CONTACT_BAND
-        np.maximum.at(top[side], hold[touched], height[point[touched]])
+        touched = u[side] <= outermost[side, owner] + CONTACT_BAND
+        np.maximum.at(top[side], owner[touched], height[point[touched]])
     # What is nearer to the object than TOUCHING belongs to the contact itself.
     distance, beside = _beside(along, across, start, end, half)
     gap = np.min(distance, axis=1, initial=wished_room, where=above & beside & (distance >= TOUCHING))
@@ -97,7 +104,7 @@ def refine(
         y=y,
         tip=tip,
         width=end - start,
-        angle=np.abs(exact.arctan(slope)).max(axis=0),
+        angle=np.abs(exact_math.arctan(slope)).max(axis=0),
         contact=_support(contour - outermost[:, :, None]).min(axis=0),
         overlap=np.where(empty, 0.0, top.min(axis=0) - tip),
         gap=gap,
@@ -108,19 +115,19 @@ def refine(
 def _turned(
     points: FloatArray, cos: FloatArray, sin: FloatArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(M, N) coordinates of points (3, N) along and across the closing axes of holds at (x, y)."""
+    """(M, N) coordinates of points (3, N) along and across the closing axes of candidates at (x, y)."""
     px, py, _ = points
     cos, sin, x, y = cos[:, None], sin[:, None], x[:, None], y[:, None]
     return (cos * px + sin * py) - (cos * x + sin * y), (cos * py - sin * px) - (cos * y - sin * x)
 
 
-def _contours(hold: IntArray, u: FloatArray, v: FloatArray, half: float, count: int) -> FloatArray:
+def _contours(owner: IntArray, u: FloatArray, v: FloatArray, half: float, count: int) -> FloatArray:
     """(2, M, CONTOUR_ROWS) least u and least −u in each row of the pad's width, inf where it is empty.
 
-    u, v: (P,) along and across the closing axis of the point's hold.
+    u, v: (P,) along and across the closing axis of the point's candidate.
     """
     row = np.minimum(((v + half) * (CONTOUR_ROWS / (2 * half))).astype(np.int64), CONTOUR_ROWS - 1)
-    key = hold * CONTOUR_ROWS + row
+    key = owner * CONTOUR_ROWS + row
     contour = np.full((2, count * CONTOUR_ROWS), np.inf)
     np.minimum.at(contour[0], key, u)
     np.minimum.at(contour[1], key, -u)

@@ -4,7 +4,8 @@ Seen along the approach, an object is a map of heights: whatever lies under its 
 drawn once for each heading of the gripper; the rows that a pad covers give a profile of heights along the closing
 axis; and at each depth of the tips the profile says where a finger stands free and what is left between two of them.
 
-This is the reference of `kernels.scan`, which repeats its arithmetic: sums and products stand in a fixed order.
+This is the reference of `compiled_backend.scan`, which repeats its arithmetic: sums and products stand in a
+fixed order.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.geometry import exact_math as exact
+from grasping.geometry import exact_math
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -27,8 +28,8 @@ MEASURED = 160  # runs whose contours are measured; those nearest to the centre,
 
 
 @dataclass(frozen=True)
-class Holds:
-    """C ways to stand with a finger on either side of something; arrays of length C, in the map's frame."""
+class Candidates:
+    """C grasp candidates, each with a finger on either side of something; arrays of length C, in the map's frame."""
 
     heading: FloatArray  # rad, of the closing axis
     x: FloatArray  # centre
@@ -40,8 +41,8 @@ class Holds:
     room: FloatArray  # share of the wished-for free space beside the fingers, worse side
     whole: NDArray[np.bool_]  # everything under the pads' width is between the pads
 
-    def take(self, index: IntArray | NDArray[np.bool_]) -> Holds:
-        return Holds(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+    def take(self, index: IntArray | NDArray[np.bool_]) -> Candidates:
+        return Candidates(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
 
     def __len__(self) -> int:
         return len(self.x)
@@ -49,9 +50,9 @@ class Holds:
 
 @dataclass(frozen=True)
 class Scan:
-    """All holds, and of the lines across the object that are too wide to hold their number and least width, m."""
+    """All candidates, and of the lines across the object that are too wide to hold their number and least width, m."""
 
-    holds: Holds
+    candidates: Candidates
     too_wide: int
     narrowest: float
 
@@ -69,12 +70,12 @@ def scan(
     reach: float,
     centre: FloatArray,
 ) -> Scan:
-    """Find every hold of an object given as points seen along the approach, in rising height.
+    """Find every grasp candidate on an object given as points seen along the approach, in rising height.
 
     points (3, N): x and y with the origin in the middle of the object, height against the approach; likewise of the
     obstacles (3, K). tips: heights to try. headings: angles of the closing axis to try. finger_room: free space that a
     finger needs beside the object; wished_room: what it had better have. reach: from the tips to the palm, which must
-    not come down on what hangs over the object. centre: (2,) near which holds are preferred.
+    not come down on what hangs over the object. centre: (2,) near which candidates are preferred.
     """
     row = pad_width / ROWS
     radius = float(np.sqrt(np.square(points[:2]).sum(axis=0).max()))
@@ -96,7 +97,7 @@ def scan(
     if obstacles.shape[1]:
         over = _highest_between(np.where(walls > bands, walls, -np.inf), runs)
         runs = runs.take(over <= (runs.tip + reach).astype(np.float32))
-    place = _Places(bands, headings, row)
+    place = _BinPlaces(bands, headings, row)
     if len(runs.line) > MEASURED:
         x, y = place.centres(runs)
         x, y = x - centre[0], y - centre[1]
@@ -127,7 +128,7 @@ class _Runs:
 
 
 @dataclass(frozen=True)
-class _Places:
+class _BinPlaces:
     """Where the bins of the bands (headings, rows, nx) lie."""
 
     bands: Maps
@@ -238,7 +239,7 @@ def _highest_between(heights: Maps, runs: _Runs) -> Maps:
     return highest
 
 
-def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
+def _measure(maps: Maps, runs: _Runs, place: _BinPlaces) -> Candidates:
     """The contours of each run, three rows under the pad on either side, and whether it is the whole of its line."""
     nx = maps.shape[2]
     heading, band_row = place.heading_and_row(runs)
@@ -250,16 +251,16 @@ def _measure(maps: Maps, runs: _Runs, place: _Places) -> Holds:
     present = np.asarray(above.any(axis=2))
     left = _slope(above.argmax(axis=2), present, place.row)
     right = _slope(nx - 1 - above[:, :, ::-1].argmax(axis=2), present, place.row)
-    turn = exact.arctan(0.5 * (left + right))
+    turn = exact_math.arctan(0.5 * (left + right))
     x, y = place.centres(runs)
-    return Holds(
+    return Candidates(
         heading=place.headings[heading],
         x=x,
         y=y,
         tip=runs.tip,
         width=np.asarray((runs.end - runs.start + 1) * X_STEP, dtype=np.float64),
         overlap=place.overlap(runs),
-        angle=np.maximum(np.abs(exact.arctan(left) - turn), np.abs(exact.arctan(right) - turn)),
+        angle=np.maximum(np.abs(exact_math.arctan(left) - turn), np.abs(exact_math.arctan(right) - turn)),
         room=runs.room,
         whole=whole,
     )

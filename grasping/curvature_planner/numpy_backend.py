@@ -1,8 +1,17 @@
-"""The planner's hot path in NumPy: the functions that `kernels` has compiled, under the same names."""
+"""The planner's hot path in NumPy: the reference of `compiled_backend`, and what plans where nothing was compiled."""
 
 from grasping.curvature_planner.finger_scan import scan
 from grasping.curvature_planner.projection import place, short_side, thin
 from grasping.curvature_planner.ranking import rank
-from grasping.curvature_planner.region_report import measured_parts
+from grasping.curvature_planner.region_report import measure_regions
 
-__all__ = ["measured_parts", "place", "rank", "scan", "short_side", "thin"]
+
+class NumpyBackend:
+    """A `backend.Backend`."""
+
+    short_side = staticmethod(short_side)
+    thin = staticmethod(thin)
+    place = staticmethod(place)
+    scan = staticmethod(scan)
+    rank = staticmethod(rank)
+    measure_regions = staticmethod(measure_regions)

@@ -5,13 +5,13 @@ and departs from it where a one-sided cloud and a real hand ask for it:
 
 - The approach is straight down on the table, or tilted where nothing else is left; without a table it is along the
   cloud's own axes.
-- Slabs lie across every heading of the gripper, not only across the long axis, and overlap (`profiles.scan`).
+- Slabs lie across every heading of the gripper, not only across the long axis, and overlap (`finger_scan.scan`).
 - What the camera cannot see below a seen surface counts as the object, down to the table.
-- Lateral curvature is measured on the contour under the pad (`contacts.refine`), at one length, that of the pad; σ of a
-  number of neighbours depends on the density of the cloud and on the view.
+- Lateral curvature is measured on the contour under the pad (`contact_refinement.refine`), at one length, that of the
+  pad; σ of a number of neighbours depends on the density of the cloud and on the view.
 - Fingers must come down beside the object, clear of the table and of the neighbours, and the palm clear of what hangs
   over it.
-- Of the holds at one place, which hardly differ, the middle is taken (`plateaus`), so that noise hardly moves it.
+- Of the candidates at one place, which hardly differ, the middle is taken (`grasp_clusters`): noise hardly moves it.
 """
 
 from __future__ import annotations
@@ -24,13 +24,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasping.curvature_planner import compiled_backend as kernels
-from grasping.curvature_planner import numpy_backend as reference
-from grasping.curvature_planner.approach_view import View, views_from_above, views_without_table
+from grasping.curvature_planner.approach_view import ApproachView
+from grasping.curvature_planner.approaches import approaches_from_above, approaches_without_table
+from grasping.curvature_planner.backend import Backend
+from grasping.curvature_planner.compiled_backend import AVAILABLE, CompiledBackend
 from grasping.curvature_planner.contact_refinement import CONTACT_BAND
-from grasping.curvature_planner.finger_scan import Holds
+from grasping.curvature_planner.finger_scan import Candidates
+from grasping.curvature_planner.numpy_backend import NumpyBackend
 from grasping.curvature_planner.ranking import LEAST_OVERLAP, Ranked, Rules
-from grasping.curvature_planner.region_report import Survey, survey
+from grasping.curvature_planner.region_report import ObjectReport, report_regions
 from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
@@ -52,7 +54,7 @@ class CurvaturePlanner:
     tip_clearance: the tips stay this far above a known table, m.
     stroke_margin: the opening at contact stays this far below the stroke, m.
     friction: coefficient between pad and object; contacts outside its cone slip.
-    headings: number of closing directions that the scan tries over half a turn; each hold found is then turned freely.
+    headings: number of closing directions that the scan tries over half a turn; candidates are then turned freely.
     max_tilt: of the approach against straight down, rad, where straight down finds nothing; 0 never tilts.
     n_points: larger clouds are thinned, to boxes of 2.5 mm and, along the approach, 10 mm.
     compiled: whether to plan with the compiled kernels or with their NumPy reference, which finds the same more slowly;
@@ -94,14 +96,14 @@ class CurvaturePlanner:
         self.headings = headings
         self.max_tilt = max_tilt
         self.n_points = n_points
-        if compiled and not kernels.AVAILABLE:
+        if compiled and not AVAILABLE:
             raise ConfigError("compiled = True, but this installation has no compiled kernels")
         if self._reach <= LEAST_OVERLAP:
             raise ConfigError(
                 f"gripper.palm_depth = {gripper.palm_depth!r}: at the greatest opening the tips are not even "
                 f"{(LEAST_OVERLAP + PALM_CLEARANCE) * 1e3:.0f} mm in front of the palm"
             )
-        self._by = kernels if kernels.AVAILABLE and compiled is not False else reference
+        self._backend: Backend = CompiledBackend() if AVAILABLE and compiled is not False else NumpyBackend()
         self._headings = np.linspace(0.0, np.pi, headings, endpoint=False)
         finger_room = side_clearance + gripper.finger_thickness
         self._rules = Rules(
@@ -146,20 +148,22 @@ class CurvaturePlanner:
             require_near(cloud, plane)
         cloud = np.ascontiguousarray(cloud.T)
         if up_vector is None:
-            views = views_without_table(cloud, neighbours, self.n_points, self._by)
+            views = approaches_without_table(cloud, neighbours, self.n_points, self._backend)
         else:
-            views = views_from_above(cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._by)
-        seen: Survey | None = None
+            views = approaches_from_above(
+                cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._backend
+            )
+        report: ObjectReport | None = None
         failures: list[str] = []
         for view in views:
-            ranked, holds, reason = self._plan_view(view)
-            if seen is None:
-                parts = self._by.measured_parts(view, holds, self.gripper.finger_width)
-                seen = survey(view, parts, self._rules.greatest_width)
+            ranked, candidates, reason = self._plan_view(view)
+            if report is None:
+                measures = self._backend.measure_regions(view, candidates, self.gripper.finger_width)
+                report = report_regions(view, measures, self._rules.greatest_width)
             if ranked is not None:
-                return plan_from(self._grasps(view, ranked, seen), seen.regions, "")
+                return plan_from(self._grasps(view, ranked, report), report.regions, "")
             failures.append(reason)
-        return plan_from([], [] if seen is None else seen.regions, failures[0])
+        return plan_from([], [] if report is None else report.regions, failures[0])
 
     @property
     def _reach(self) -> float:
@@ -167,8 +171,8 @@ class CurvaturePlanner:
         tips = self.gripper.pad_depth(self.gripper.stroke) + 0.5 * self.gripper.pad_length
         return tips - self.gripper.palm_depth - PALM_CLEARANCE
 
-    def _plan_view(self, view: View) -> tuple[Ranked | None, Holds | None, str]:
-        """What holds along one approach; the coarse holds; why there is none."""
+    def _plan_view(self, view: ApproachView) -> tuple[Ranked | None, Candidates | None, str]:
+        """What holds along one approach; the coarse candidates; why there is none."""
         rules = self._rules_tilted if view.tilt else self._rules
         top = float(view.points[2, -1])
         lowest = max(view.floor + self.tip_clearance, top - self._reach)
@@ -178,7 +182,7 @@ class CurvaturePlanner:
             return None, None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"
         step = max(DEPTH_STEP, (deepest_top - lowest) / MOST_DEPTHS)
         count = min(MOST_DEPTHS, math.ceil((deepest_top - lowest) / step))
-        found = self._by.scan(
+        found = self._backend.scan(
             view.points,
             view.obstacles,
             tips=lowest + step * np.arange(count, dtype=np.float64),
@@ -190,24 +194,24 @@ class CurvaturePlanner:
             reach=rules.reach,
             centre=view.centre,
         )
-        holds: Holds = found.holds
+        candidates: Candidates = found.candidates
         wide, most = found.narrowest * 1e3, rules.greatest_width * 1e3
-        if not len(holds):
+        if not len(candidates):
             if found.too_wide:
-                return None, holds, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
+                return None, candidates, f"the object is at least {wide:.0f} mm wide; the gripper takes {most:.0f} mm"
             where = "something stands beside the object, or hangs over it, on every line across it"
-            return None, holds, f"no room for the fingers: {where}"
-        ranked: Ranked = self._by.rank(view, holds, rules)
+            return None, candidates, f"no room for the fingers: {where}"
+        ranked: Ranked = self._backend.rank(view, candidates, rules)
         if not ranked.problems:
-            return ranked, holds, ""
+            return ranked, candidates, ""
         refused = Counter(ranked.problems)
         reason = f"none of the {len(ranked.problems)} best places holds: "
         reason += "; ".join(f"{why} ({n})" for why, n in sorted(refused.items()))
         if found.too_wide:
             reason += f"; elsewhere the object is at least {wide:.0f} mm wide and the gripper takes {most:.0f} mm"
-        return None, holds, reason
+        return None, candidates, reason
 
-    def _grasps(self, view: View, ranked: Ranked, seen: Survey) -> list[Grasp]:
+    def _grasps(self, view: ApproachView, ranked: Ranked, report: ObjectReport) -> list[Grasp]:
         contacts = ranked.contacts
         x, y, tip = contacts.x, contacts.y, contacts.tip
         count, cos, sin = len(x), np.cos(contacts.heading), np.sin(contacts.heading)
@@ -224,9 +228,9 @@ class CurvaturePlanner:
         own = {**ranked.terms, "tip_height": tip - view.floor, "tilt": np.full(count, view.tilt)}
         rows = [dict(zip(own, row, strict=True)) for row in np.array(list(own.values())).T.tolist()]
         whole = np.zeros(count, dtype=bool)  # held at the centre of an object that is one primitive
-        if seen.one_primitive():
+        if report.one_primitive():
             whole = np.hypot(x - view.centre[0], y - view.centre[1]) < 0.5 * self.gripper.finger_width
-        columns = (poses, contacts.width.tolist(), ranked.score.tolist(), whole.tolist(), seen.regions_at(tips), rows)
+        columns = (poses, contacts.width.tolist(), ranked.score.tolist(), whole.tolist(), report.regions_at(tips), rows)
         return [
             Grasp(pose, width, score, "primitive" if all_of_it else "region", None if all_of_it else region, terms)
             for pose, width, score, all_of_it, region, terms in zip(*columns, strict=True)

@@ -1,8 +1,8 @@
 """The cloud along one approach: thinned, turned, sorted by height, and the short side and the centre of its footprint.
 
-These are the references of the functions of the same names in `kernels`, which repeat their arithmetic: sums and
-products stand in a fixed order. Clouds are rows (3, N), metres; the columns of `axes` (3, 3) are the axes, the third of
-which points against the approach.
+These are the references of the functions of the same names in `compiled_backend`, which repeat their arithmetic: sums
+and products stand in a fixed order. Clouds are rows (3, N), metres; the columns of `axes` (3, 3) are the axes, the
+third of which points against the approach.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.geometry import exact_math as exact
+from grasping.geometry import exact_math
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,15 +24,15 @@ def short_side(cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float,
     With a cell (m) each square cell of the footprint counts once, however densely it was seen; with 0 each point does.
     The sign is chosen so that the third moment along it is not negative: it belongs to the object, not to the axes.
     """
-    x, y = exact.project(cloud, axes[:, 0]), exact.project(cloud, axes[:, 1])
+    x, y = exact_math.project(cloud, axes[:, 0]), exact_math.project(cloud, axes[:, 1])
     if cell > 0.0:
         key, columns = cells(x, y, cell)
         x, y = (index.astype(np.float64) for index in np.divmod(np.flatnonzero(np.bincount(key)), columns))
-    x, y = x - exact.total(x) / len(x), y - exact.total(y) / len(y)
-    angle = 0.5 * math.atan2(2.0 * exact.total(x * y), exact.total(x * x) - exact.total(y * y))
+    x, y = x - exact_math.total(x) / len(x), y - exact_math.total(y) / len(y)
+    angle = 0.5 * math.atan2(2.0 * exact_math.total(x * y), exact_math.total(x * x) - exact_math.total(y * y))
     across_x, across_y = -math.sin(angle), math.cos(angle)
     along = across_x * x + across_y * y
-    return (-across_x, -across_y) if exact.total(along * along * along) < 0.0 else (across_x, across_y)
+    return (-across_x, -across_y) if exact_math.total(along * along * along) < 0.0 else (across_x, across_y)
 
 
 def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
@@ -40,7 +40,7 @@ def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
 
     The highest of a box, and not any, so that the choice does not depend on the order of the points.
     """
-    local = np.stack([exact.project(cloud, axis) for axis in axes.T])
+    local = np.stack([exact_math.project(cloud, axis) for axis in axes.T])
     low, high = local.min(axis=1, keepdims=True), local.max(axis=1, keepdims=True)
     size = np.array([1.0, 1.0, 4.0])[:, None] * max(box, float((high - low).max()) / 200.0)
     index = ((local - low) / size).astype(np.int64)
@@ -61,7 +61,7 @@ def place(
     the points (3, N), what was subtracted (3,), and an estimate of the centre of mass (2,): each cell (m) of the plane
     counts once, by the height of what stands in it, independent of how densely it was seen.
     """
-    local = np.stack([exact.project(cloud, axis) for axis in axes.T])
+    local = np.stack([exact_math.project(cloud, axis) for axis in axes.T])
     local = np.take(local, np.argsort(local[2], kind="stable"), axis=1)
     middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
     middle[2] = local[2, 0] if table_height is None else table_height
@@ -73,8 +73,8 @@ def place(
     highest[key] = np.maximum(local[2], 0.003)  # the last one written, the highest, stays
     taken = np.flatnonzero(highest)
     weight = highest[taken]
-    sums = np.array([exact.total(weight * index) for index in np.divmod(taken, columns)])
-    return local, middle, local[:2].min(axis=1) + cell * (sums / exact.total(weight) + 0.5)
+    sums = np.array([exact_math.total(weight * index) for index in np.divmod(taken, columns)])
+    return local, middle, local[:2].min(axis=1) + cell * (sums / exact_math.total(weight) + 0.5)
 
 
 def cells(x: FloatArray, y: FloatArray, cell: float) -> tuple[IntArray, int]:

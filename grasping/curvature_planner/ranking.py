@@ -1,4 +1,4 @@
-"""From the holds of the coarse scan to a ranked few: looked at closely, judged, moved to the middle of their place."""
+"""From the candidates of the coarse scan to a ranked few: refined, judged, moved to the middle of a cluster."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.approach_view import View
+from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.contact_refinement import Contacts, refine
-from grasping.curvature_planner.finger_scan import Holds
-from grasping.curvature_planner.grasp_clusters import SAG, Tried, places, to_either_side
+from grasping.curvature_planner.finger_scan import Candidates
+from grasping.curvature_planner.grasp_clusters import SAG, RefinedCandidates, cluster, to_either_side
 from grasping.curvature_planner.scoring import best_unlike, centre_term, clip, overlap_term, weigh
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +36,7 @@ PROBLEMS = (
 
 @dataclass(frozen=True)
 class Rules:
-    """What a gripper and its user ask of a hold. Lengths in m; friction: coefficient between pad and object."""
+    """What a gripper and its user ask of a grasp. Lengths in m; friction: coefficient between pad and object."""
 
     pad_width: float
     stroke: float
@@ -61,7 +61,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Ranked:
-    """M holds, or of each hold that was looked at the first thing that speaks against it.
+    """M candidates, or of each that was looked at the first thing that speaks against it.
 
     terms: (M,) each; those of the score, and `opening`: to come in with, m. score: (M,), not in its order.
     """
@@ -72,44 +72,44 @@ class Ranked:
     problems: list[str]
 
 
-def rank(view: View, holds: Holds, rules: Rules) -> Ranked:
-    """The middle of each of the best places, or the best hold there if that is better; of the others the best hold.
+def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
+    """The middle of each of the best clusters, or its best member if that is better; of the others the best member.
 
-    This is the reference of `kernels.rank`, which repeats its arithmetic.
+    This is the reference of `compiled_backend.rank`, which repeats its arithmetic.
     """
-    chosen = holds.take(best_unlike(holds, _coarse_score(view, holds, rules)))
-    tried = _try(view, chosen, chosen.whole.astype(np.float64), rules)
-    if not np.isfinite(tried.score).any():
-        first = np.array(_against(tried.contacts, rules)).argmax(axis=0).tolist()
-        nothing = tried.take(np.empty(0, dtype=np.int64))
+    chosen = candidates.take(best_unlike(candidates, _coarse_score(view, candidates, rules)))
+    refined = _try(view, chosen, chosen.whole.astype(np.float64), rules)
+    if not np.isfinite(refined.score).any():
+        first = np.array(_against(refined.contacts, rules)).argmax(axis=0).tolist()
+        nothing = refined.take(np.empty(0, dtype=np.int64))
         return Ranked(nothing.contacts, {}, nothing.score, [PROBLEMS[index] for index in first])
-    beside = to_either_side(places(tried, SLID))
-    tried = tried.and_also(_try(view, beside.holds, beside.whole, rules))
-    there = places(tried, CANDIDATES)
-    best = tried.take(there.best)
-    leading = np.arange(min(CENTRED, len(there.best)))
-    middles = _try(view, there.holds.take(leading), there.whole[leading], rules)
+    beside = to_either_side(cluster(refined, SLID))
+    refined = refined.and_also(_try(view, beside.candidates, beside.whole, rules))
+    clusters = cluster(refined, CANDIDATES)
+    best = refined.take(clusters.best)
+    leading = np.arange(min(CENTRED, len(clusters.best)))
+    middles = _try(view, clusters.candidates.take(leading), clusters.whole[leading], rules)
     centred = np.flatnonzero(middles.score >= best.score[leading] - SAG)
-    held = middles.take(centred).and_also(best.take(np.setdiff1d(np.arange(len(there.best)), centred)))
-    return Ranked(held.contacts, _terms(view, held.contacts, held.whole, rules), held.score, [])
+    kept = middles.take(centred).and_also(best.take(np.setdiff1d(np.arange(len(clusters.best)), centred)))
+    return Ranked(kept.contacts, _terms(view, kept.contacts, kept.whole, rules), kept.score, [])
 
 
-def _try(view: View, holds: Holds, whole: FloatArray, rules: Rules) -> Tried:
-    """Look closely at holds, of which `whole` (M,) is the share of their slabs that is between the pads."""
+def _try(view: ApproachView, candidates: Candidates, whole: FloatArray, rules: Rules) -> RefinedCandidates:
+    """Look closely at candidates, of which `whole` (M,) is the share of their slabs that is between the pads."""
     contacts = refine(
         view.points,
         view.obstacles,
-        holds,
+        candidates,
         pad_width=rules.pad_width,
         wished_room=rules.wished_room,
         reach=rules.reach,
     )
     refused = np.any(_against(contacts, rules), axis=0)
-    return Tried(contacts, whole, np.where(refused, -np.inf, weigh(_terms(view, contacts, whole, rules))))
+    return RefinedCandidates(contacts, whole, np.where(refused, -np.inf, weigh(_terms(view, contacts, whole, rules))))
 
 
 def _against(contacts: Contacts, rules: Rules) -> list[NDArray[np.bool_]]:
-    """Of which of the holds each of the PROBLEMS is true."""
+    """Of which of the candidates each of the PROBLEMS is true."""
     return [
         contacts.empty,
         contacts.width > rules.greatest_width,
@@ -120,22 +120,22 @@ def _against(contacts: Contacts, rules: Rules) -> list[NDArray[np.bool_]]:
     ]
 
 
-def _coarse_score(view: View, holds: Holds, rules: Rules) -> FloatArray:
+def _coarse_score(view: ApproachView, candidates: Candidates, rules: Rules) -> FloatArray:
     # A slope only costs here and does not exclude.
     score = weigh(
         {
-            "angle": clip(1.0 - holds.angle / (rules.steepest + BLUR)),
-            "overlap": overlap_term(holds.overlap),
-            "centre": centre_term(holds.x, holds.y, view.centre),
-            "room": holds.room,
-            "narrow": 1.0 - holds.width / rules.stroke,
-            "whole": holds.whole.astype(np.float64),
+            "angle": clip(1.0 - candidates.angle / (rules.steepest + BLUR)),
+            "overlap": overlap_term(candidates.overlap),
+            "centre": centre_term(candidates.x, candidates.y, view.centre),
+            "room": candidates.room,
+            "narrow": 1.0 - candidates.width / rules.stroke,
+            "whole": candidates.whole.astype(np.float64),
         }
     )
-    return np.where(holds.overlap >= rules.least_overlap, score, score - 1.0)
+    return np.where(candidates.overlap >= rules.least_overlap, score, score - 1.0)
 
 
-def _terms(view: View, contacts: Contacts, whole: FloatArray, rules: Rules) -> Terms:
+def _terms(view: ApproachView, contacts: Contacts, whole: FloatArray, rules: Rules) -> Terms:
     spare = (contacts.gap - rules.finger_room) / (rules.wished_room - rules.finger_room)
     clear = np.minimum(np.maximum(contacts.gap - rules.finger_thickness, 0.0), MOST_CLEARANCE)
     return {

@@ -9,8 +9,8 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.approach_view import View, last_in_cells
-from grasping.curvature_planner.finger_scan import Holds
+from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
+from grasping.curvature_planner.finger_scan import Candidates
 from grasping.geometry.primitives import FLAT, all_alike, primitive_by_share
 from grasping.geometry.surface_variation import variation_among
 from grasping.grasp import RegionReport
@@ -27,10 +27,10 @@ SIMILAR_LENGTH = 0.008  # m, as published
 
 
 @dataclass(frozen=True)
-class Survey:
+class ObjectReport:
     """Regions of an object, and their footprints' corners (R, 2) in the view's frame."""
 
-    view: View
+    view: ApproachView
     regions: list[RegionReport]
     low: FloatArray
     high: FloatArray
@@ -54,12 +54,12 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Parts:
+class RegionMeasures:
     """R slabs and parts of slabs of a view's N points.
 
     order: (N,) the view's points, by slab and then along x. table: (R, 7) int64, a row a part: slab, its index among
     the slab's parts or −1 for the whole slab, first point in that order, one after the last, flat ones of the points
-    that σ was measured on, number of those, whether a hold's centre lies in it. low, high: (R, 2) corners of the
+    that σ was measured on, number of those, whether a candidate's centre lies in it. low, high: (R, 2) corners of the
     footprint. curvature: (R,) sum of the two lateral σ.
     """
 
@@ -70,12 +70,12 @@ class Parts:
     curvature: FloatArray
 
 
-def survey(view: View, parts: Parts, greatest_width: float) -> Survey:
-    """The report on each part. It is a "candidate" where the scan found a hold whose centre lies in it."""
-    in_cloud = view.origin + view.points.T[parts.order] @ view.axes.T
-    widths = (parts.high[:, 0] - parts.low[:, 0]).tolist()
+def report_regions(view: ApproachView, measures: RegionMeasures, greatest_width: float) -> ObjectReport:
+    """The report on each part. It is a "candidate" where the scan found one whose centre lies in it."""
+    in_cloud = view.origin + view.points.T[measures.order] @ view.axes.T
+    widths = (measures.high[:, 0] - measures.low[:, 0]).tolist()
     regions = []
-    for row, width, curvature in zip(parts.table.tolist(), widths, parts.curvature.tolist(), strict=True):
+    for row, width, curvature in zip(measures.table.tolist(), widths, measures.curvature.tolist(), strict=True):
         slab, cluster, start, stop, flat, seen, held = row
         if held:
             verdict = "candidate"
@@ -85,13 +85,13 @@ def survey(view: View, parts: Parts, greatest_width: float) -> Survey:
             verdict = "no room for the fingers"
         primitive, part = primitive_by_share(flat, seen), None if cluster < 0 else cluster
         regions.append(RegionReport(in_cloud[start:stop], primitive, width, curvature, verdict, slab, part))
-    return Survey(view, regions, parts.low, parts.high)
+    return ObjectReport(view, regions, measures.low, measures.high)
 
 
-def measured_parts(view: View, holds: Holds | None, slab_height: float) -> Parts:
+def measure_regions(view: ApproachView, candidates: Candidates | None, slab_height: float) -> RegionMeasures:
     """Cut into slabs of about this height, evenly, so that the last one is whole, and those into their parts.
 
-    This is the reference of `kernels.measured_parts`, which repeats its arithmetic.
+    This is the reference of `compiled_backend.measure_regions`, which repeats its arithmetic.
     """
     local = np.ascontiguousarray(view.points.T)
     x, y, _ = view.points
@@ -112,10 +112,10 @@ def measured_parts(view: View, holds: Holds | None, slab_height: float) -> Parts
     owner = _inside(thinned[:, :2], low, high)
     flat = (owner & (sigma[: len(thinned)] <= FLAT)).sum(axis=1)
     held = np.zeros(len(pieces), dtype=bool)
-    if holds is not None:
-        held |= _inside(np.column_stack([holds.x, holds.y]), low, high).any(axis=1)
+    if candidates is not None:
+        held |= _inside(np.column_stack([candidates.x, candidates.y]), low, high).any(axis=1)
     table = np.column_stack([pieces, flat, owner.sum(axis=1), held])
-    return Parts(order, table, low, high, sigma[len(thinned) :].reshape(-1, 2).sum(axis=1))
+    return RegionMeasures(order, table, low, high, sigma[len(thinned) :].reshape(-1, 2).sum(axis=1))
 
 
 def _pieces(x: FloatArray, slab: IntArray) -> IntArray:

@@ -1,4 +1,4 @@
-"""How good a hold is, as one number, and which holds of the coarse scan are worth a closer look."""
+"""How good a grasp candidate is, as one number, and which candidates of the coarse scan are worth a closer look."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.finger_scan import Holds
+from grasping.curvature_planner.finger_scan import Candidates
 
 FloatArray = NDArray[np.float64]
 
@@ -22,8 +22,8 @@ WEIGHTS = {
     "whole": 0.02,  # around all of the slab and not around a part of it
 }
 OVERLAP = ((0.5, 0.015), (0.1, 0.045), (0.4, 0.130))  # shares of the term, earned up to these depths, m
-REFINED = 16  # holds of the coarse scan that are looked at closely
-ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # holds nearer than this are one
+REFINED = 16  # candidates of the coarse scan that are looked at closely
+ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # candidates nearer than this are one
 ALIKE_TIP = 0.0225  # m
 FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
 
@@ -51,8 +51,8 @@ def clip(share: FloatArray) -> FloatArray:
     return np.minimum(np.maximum(share, 0.0), 1.0)
 
 
-def best_unlike(holds: Holds, score: FloatArray) -> NDArray[np.int64]:
-    """The best holds, each unlike those before it in place, heading or depth."""
+def best_unlike(candidates: Candidates, score: FloatArray) -> NDArray[np.int64]:
+    """The best candidates, each unlike those before it in place, heading or depth."""
     chosen: list[int] = []
     score = score.copy()
     for _ in range(REFINED):
@@ -60,9 +60,9 @@ def best_unlike(holds: Holds, score: FloatArray) -> NDArray[np.int64]:
         if score[best] == -np.inf:
             break
         chosen.append(best)
-        turn = np.abs(holds.heading - holds.heading[best])
+        turn = np.abs(candidates.heading - candidates.heading[best])
         turn = np.minimum(turn, np.pi - turn)
-        place = np.square(holds.x - holds.x[best]) + np.square(holds.y - holds.y[best])
+        place = np.square(candidates.x - candidates.x[best]) + np.square(candidates.y - candidates.y[best])
         alike = (place < ALIKE_PLACE**2) & (turn < ALIKE_HEADING)
-        score[alike & (np.abs(holds.tip - holds.tip[best]) < ALIKE_TIP)] = -np.inf
+        score[alike & (np.abs(candidates.tip - candidates.tip[best]) < ALIKE_TIP)] = -np.inf
     return np.array(chosen)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.geometry import exact_math as exact
+from grasping.geometry import exact_math
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -49,8 +49,8 @@ def smallest_eigenvalue_share(covariance: FloatArray) -> FloatArray:
     # p is 0 for a multiple of the identity, all of whose eigenvalues are the mean.
     cubed = p * square
     ratio = np.divide(half_determinant, cubed, out=np.zeros_like(p), where=cubed > 1e-300)
-    angle = exact.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0
-    smallest = mean + 2.0 * p * exact.cos(angle + 2.0 * np.pi / 3.0)
+    angle = exact_math.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0
+    smallest = mean + 2.0 * p * exact_math.cos(angle + 2.0 * np.pi / 3.0)
     return np.clip(np.divide(smallest, trace, out=np.zeros_like(trace), where=trace > 1e-300), 0.0, 1.0 / 3.0)
 
 
@@ -75,7 +75,7 @@ def variation_at(points: FloatArray, queries: FloatArray, k: int, tree: cKDTree 
 def variation_among(points: FloatArray, queries: FloatArray, k: int) -> FloatArray:
     """`variation_at` for few points: of equally near ones those with the lower index count, on every machine.
 
-    The reference of what `kernels.measured_parts` does.
+    The reference of what `compiled_backend.measure_regions` does.
     """
     k = min(k, len(points))
     if k < 3:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.grasp import GraspPlan
-from grasping.segmentation.segmenter import Scene
+from grasping.segmentation.scene import Scene
 
 LARGE = 0.45  # m; what a scene's objects are at most, unless the segmenter is told otherwise
 

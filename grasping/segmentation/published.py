@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from grasping.errors import ConfigError
 from grasping.geometry.clustering import by_label, voxel_clusters
-from grasping.segmentation.frame import Frame, Rejected, Scene
+from grasping.segmentation.frame import Frame
+from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, find_table
 from grasping.validation import as_cloud, unit_vector
 

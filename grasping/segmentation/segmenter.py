@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from grasping.errors import ConfigError, require_between
 from grasping.geometry.clustering import by_label, voxel_clusters
 from grasping.segmentation.footprints import convex_outline, label_footprints, spacing
-from grasping.segmentation.frame import Frame, Rejected, Scene
+from grasping.segmentation.frame import Frame
 from grasping.segmentation.published import PublishedSegmenter
+from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_gaps import split_by_table
 from grasping.segmentation.table_plane import SAMPLED, basis, find_table, fit_all
 from grasping.validation import FARTHEST, as_cloud, unit_vector

@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from grasping import CurvaturePlanner, PublishedPlanner
-from grasping import baselines as rivals
-from grasping.selective import Planner
+from grasping import CurvaturePlanner, GraspPlanner, PublishedPlanner, baselines
 from pecgrasp_env.benchmark.timing import Row, Timing, rows_of, side_by_side
 from pecgrasp_env.objects import make_object
 
@@ -64,15 +62,15 @@ def planning(settings: Mapping[str, Any]) -> list[Row]:
     return rows + growth + _start_up(settings.get("start_repeats", 1))
 
 
-def _planners() -> dict[str, Planner]:
+def _planners() -> dict[str, GraspPlanner]:
     """By the name that each goes by in the report, the default one first."""
-    named: dict[str, Planner] = {
+    named: dict[str, GraspPlanner] = {
         _BEST[0]: CurvaturePlanner(),
         "published": PublishedPlanner(),
         "default in NumPy": CurvaturePlanner(compiled=False),
     }
-    for name in rivals.__all__:
-        named[name.removesuffix("Planner")] = getattr(rivals, name)()
+    for name in baselines.__all__:
+        named[name.removesuffix("Planner")] = getattr(baselines, name)()
     return named
 
 

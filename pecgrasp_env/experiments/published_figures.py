@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
+from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan, GraspPlanner
 from pec.statistics import wilson_interval
 from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.objects import make_object
@@ -31,10 +31,6 @@ PIXEL = 0.002  # m
 CAMERA_ELEVATION = np.radians(50)
 NEAR = 0.020  # m from the centre
 MOSTLY = 0.5  # of what is between the pads
-
-
-class Planner(Protocol):
-    def plan(self, points: ArrayLike, /) -> GraspPlan: ...
 
 
 @dataclass(frozen=True)
@@ -184,14 +180,14 @@ CLAIMS = (
 )
 
 
-def outcomes(claim: Claim, planner: Planner, seeds: Sequence[int], side: Side) -> list[bool]:
+def outcomes(claim: Claim, planner: GraspPlanner, seeds: Sequence[int], side: Side) -> list[bool]:
     """Whether the claim holds for the best grasp on each instance; not where there is no grasp."""
     return [
         plan.best is not None and claim.holds(plan.best, view) for view, plan in plans(claim.name, planner, seeds, side)
     ]
 
 
-def plans(name: str, planner: Planner, seeds: Sequence[int], side: Side) -> Iterator[tuple[View, GraspPlan]]:
+def plans(name: str, planner: GraspPlanner, seeds: Sequence[int], side: Side) -> Iterator[tuple[View, GraspPlan]]:
     for seed in seeds:
         view = views_of(name, seed)[side]
         yield view, planner.plan(view.points)
@@ -201,7 +197,7 @@ def plans(name: str, planner: Planner, seeds: Sequence[int], side: Side) -> Iter
 
 
 def measure_figures(
-    planners: Mapping[str, Planner],
+    planners: Mapping[str, GraspPlanner],
     *,
     first_seed: int,
     instances: int,

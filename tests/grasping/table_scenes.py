@@ -5,7 +5,7 @@ from grasping_shapes import box_top, grid, moved, standing_can
 
 from grasping import CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
-from grasping.plan_files.run import Task
+from grasping.plan_files.plan_file import Task
 
 
 def box() -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasping.baselines.published.poses import Holds, Parts, holds_of, own_axes
+from grasping.baselines.published.poses import GraspPoses, Parts, grasp_poses, own_axes
 from grasping.baselines.published.regions import RegionRules, regions_of
 from grasping.errors import ConfigError
 from grasping.geometry.primitives import all_alike
@@ -218,8 +218,8 @@ class PublishedPlanner:
         self, cloud: FloatArray, axes: FloatArray, up: FloatArray | None, plane: FloatArray | None
     ) -> Grasp:
         """Hold the object at its centroid."""
-        holds = self._clear_of(holds_of(Parts([cloud]), axes[None], up, midway=False), plane)
-        return Grasp(holds.poses[0], float(holds.widths[0]), 1.0, "primitive", None, {})
+        found = self._clear_of(grasp_poses(Parts([cloud]), axes[None], up, midway=False), plane)
+        return Grasp(found.poses[0], float(found.widths[0]), 1.0, "primitive", None, {})
 
     def _of_regions(
         self, regions: list[RegionReport], axes: FloatArray, up: FloatArray | None, plane: FloatArray | None
@@ -229,9 +229,9 @@ class PublishedPlanner:
         if not chosen:
             return []
         parts = Parts([regions[index].points for index in chosen])
-        holds = self._clear_of(holds_of(parts, own_axes(parts, axes), up, midway=True), plane)
+        found = self._clear_of(grasp_poses(parts, own_axes(parts, axes), up, midway=True), plane)
         grasps = []
-        for index, pose, width in zip(chosen, holds.poses, holds.widths.tolist(), strict=True):
+        for index, pose, width in zip(chosen, found.poses, found.widths.tolist(), strict=True):
             region = regions[index]
             if width > self.gripper.stroke:
                 wide = f"too wide across its own axes: {width * 1e3:.0f} mm"
@@ -244,10 +244,10 @@ class PublishedPlanner:
             grasps.append(Grasp(pose, width, score, "region", index, terms))
         return grasps
 
-    def _clear_of(self, holds: Holds, plane: FloatArray | None) -> Holds:
+    def _clear_of(self, found: GraspPoses, plane: FloatArray | None) -> GraspPoses:
         """Raise the poses until the pads' tips are clear of the table."""
         if plane is not None:
-            tips = holds.poses[:, :3, 3] + 0.5 * self.gripper.pad_length * holds.poses[:, :3, 2]
+            tips = found.poses[:, :3, 3] + 0.5 * self.gripper.pad_length * found.poses[:, :3, 2]
             missing = self.tip_clearance - (tips @ plane[:3] + plane[3])
-            holds.poses[:, :3, 3] += np.maximum(0.0, missing)[:, None] * plane[:3]
-        return holds
+            found.poses[:, :3, 3] += np.maximum(0.0, missing)[:, None] * plane[:3]
+        return found

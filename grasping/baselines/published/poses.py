@@ -36,7 +36,7 @@ class Parts:
 
 
 @dataclass(frozen=True)
-class Holds:
+class GraspPoses:
     """Poses (R, 4, 4) and widths (R,), m."""
 
     poses: FloatArray
@@ -60,7 +60,7 @@ def own_axes(parts: Parts, axes: FloatArray) -> FloatArray:
     return np.stack([across, long, np.cross(across, long)], axis=2)
 
 
-def holds_of(parts: Parts, axes: FloatArray, up: FloatArray | None, *, midway: bool) -> Holds:
+def grasp_poses(parts: Parts, axes: FloatArray, up: FloatArray | None, *, midway: bool) -> GraspPoses:
     """Hold parts with axes (R, 3, 3) at their means or `midway` between their sides; rules: `PublishedPlanner`."""
     rotations = _hands(parts, axes, up)
     x = parts.along(rotations)[:, 0]
@@ -71,7 +71,7 @@ def holds_of(parts: Parts, axes: FloatArray, up: FloatArray | None, *, midway: b
     poses[:, 3, 3] = 1.0
     if midway:
         poses[:, :3, 3] += (0.5 * (low + high))[:, None] * rotations[:, :, 0]
-    return Holds(poses, high - low)
+    return GraspPoses(poses, high - low)
 
 
 def _hands(parts: Parts, axes: FloatArray, up: FloatArray | None) -> FloatArray:

@@ -11,7 +11,8 @@ from table_scenes import box, on_a_table, table_scene, task
 
 from grasping import CloudError, ConfigError, CurvaturePlanner, Segmenter
 from grasping.gripper import ROBOTIQ_2F_140
-from grasping.plan_files.run import cloud_paths, plan_file, plan_files
+from grasping.plan_files.plan_file import plan_file
+from grasping.plan_files.run import cloud_paths, plan_files
 
 
 def test_a_scene_in_the_cameras_frame_is_cut_into_objects_which_are_each_planned_on_their_table(tmp_path: Path) -> None:

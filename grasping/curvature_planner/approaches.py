@@ -1,0 +1,147 @@
+"""From where the gripper may come: over a table straight down or tilted; without one along the cloud's own axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
+from grasping.curvature_planner.backend import Backend
+from grasping.geometry import exact_math
+from grasping.geometry.principal_axes import principal_axes
+
+FloatArray = NDArray[np.float64]
+
+REACHED = 0.08  # m beyond the object in which neighbours matter
+CELL = 0.004  # m, in which a footprint is weighed
+OBSTACLE_CELL = 0.003  # m, to which neighbours are thinned
+BOX = 0.0025  # m, to which large clouds are thinned
+_NOTHING = np.empty((3, 0))
+
+
+def approaches_from_above(
+    cloud: FloatArray,
+    up: FloatArray,
+    table: FloatArray | None,
+    obstacles: FloatArray,
+    n_points: int,
+    max_tilt: float,
+    backend: Backend,
+) -> Iterator[ApproachView]:
+    """Straight down first; then, drawn only when asked for, tilted by `max_tilt` about the footprint's axes.
+
+    cloud: (3, N).
+    """
+    first = _cross(up, np.eye(3)[int(np.abs(up).argmin())])
+    first /= math.sqrt(first @ first)
+    level = np.array([first, _cross(up, first), up]).T
+    table_height = float(exact_math.project(cloud, up).min()) if table is None else -float(table[3])
+    axes = level @ _upright(*backend.short_side(cloud, level, 0.0))
+    thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, axes, BOX)
+    axes = axes @ _upright(*backend.short_side(thinned, axes, CELL))
+    straight = _view(thinned, obstacles, axes, table_height, 0.0, backend)
+    yield straight
+    if max_tilt <= 0.0:
+        return
+    x, y, _ = straight.points
+    tops = straight.origin + straight.points.T[last_in_cells(x, y, BOX)] @ axes.T
+    solid = _columns(tops, np.maximum(tops @ up - table_height, 0.0), up)
+    others = np.vstack([obstacles, _table_points(straight, table_height, up)])
+    for angle in (0.5 * max_tilt, max_tilt):
+        for about, sign in ((1, 1.0), (1, -1.0), (0, 1.0), (0, -1.0)):
+            turned = axes @ _rotation(about, sign * angle)
+            yield _view(_outermost(solid, turned), others, turned, None, angle, backend)
+
+
+def approaches_without_table(
+    cloud: FloatArray, obstacles: FloatArray, n_points: int, backend: Backend
+) -> Iterator[ApproachView]:
+    """Approaches along the cloud's own third and second axis, each first from the side to which the cloud bulges.
+
+    cloud: (3, N).
+    """
+    long, second, _ = principal_axes(cloud.T).T
+    third = _cross(second, long)
+    centred = cloud - cloud.mean(axis=1, keepdims=True)
+    for against, short in ((third, second), (second, third)):
+        depth = against @ centred
+        # Few points lie far behind a bulging surface: the tail of the distribution shows the way in.
+        against = against if float((depth * depth * depth).sum()) < 0.0 else -against
+        for upward in (against, -against):
+            frame = np.array([short, _cross(upward, short), upward]).T
+            thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, frame, BOX)
+            yield _view(thinned, obstacles, frame, None, 0.0, backend)
+
+
+def _outermost(solid: FloatArray, axes: FloatArray) -> FloatArray:
+    """Of a solid (3, N) what can be seen along the third axis: one point in each cell of 2.5 mm."""
+    x, y, height = (exact_math.project(solid, axis) for axis in axes.T)
+    order = np.argsort(height, kind="stable")
+    return np.ascontiguousarray(solid[:, order[last_in_cells(x[order], y[order], BOX)]])
+
+
+def _view(
+    cloud: FloatArray,
+    obstacles: FloatArray,
+    axes: FloatArray,
+    table_height: float | None,
+    tilt: float,
+    backend: Backend,
+) -> ApproachView:
+    points, middle, centre = backend.place(cloud, axes, table_height, CELL)
+    others = _NOTHING
+    if len(obstacles):
+        others = _in_reach(axes.T @ obstacles.T - middle[:, None], np.abs(points[:2]).max(axis=1) + REACHED)
+    return ApproachView(axes @ middle, axes, points, others, 0.0, centre, tilt)
+
+
+def _in_reach(others: FloatArray, reach: FloatArray) -> FloatArray:
+    """Of neighbours (3, K) the highest in each cell (3, k), in rising height, within ± reach (2,) of the origin.
+
+    Only seen along the approach is a neighbour out of reach: however high it is, a hand could hit it.
+    """
+    others = others[:, (np.abs(others[:2]) <= reach[:, None]).all(axis=0)]
+    if not others.shape[1]:
+        return _NOTHING
+    others = others[:, np.argsort(others[2], kind="stable")]
+    return np.ascontiguousarray(others[:, np.sort(last_in_cells(others[0], others[1], OBSTACLE_CELL))])
+
+
+def _columns(cloud: FloatArray, height: FloatArray, up: FloatArray) -> FloatArray:
+    """The object (N, 3) filled from its seen surface down to the table, in steps of about 1 cm: (3, M)."""
+    steps = max(1, math.ceil(float(height.max()) / 0.01))
+    shares = np.linspace(0.0, 1.0, steps + 1)
+    filled = cloud[None] - (shares[:, None] * height[None])[:, :, None] * up
+    return np.ascontiguousarray(filled.reshape(-1, 3).T)
+
+
+def _table_points(view: ApproachView, table_height: float, up: FloatArray) -> FloatArray:
+    """A grid of points on the table under and around the object, as something that fingers must not touch."""
+    radius = float(np.abs(view.points[:2]).max()) + REACHED
+    ticks = np.arange(-radius, radius, 2 * CELL)
+    x, y = np.meshgrid(ticks, ticks)
+    grid = view.origin + x.reshape(-1, 1) * view.axes[:, 0] + y.reshape(-1, 1) * view.axes[:, 1]
+    return grid + (table_height - grid @ up)[:, None] * up
+
+
+def _upright(x: float, y: float) -> FloatArray:
+    """The turn (3, 3) about the third axis that brings the first one along a direction in the plane."""
+    return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """np.cross of two vectors (3,) at a tenth of its price."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def _rotation(axis: int, angle: float) -> FloatArray:
+    cos, sin = math.cos(angle), math.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[i, i] = matrix[j, j] = cos
+    matrix[i, j], matrix[j, i] = -sin, sin
+    return matrix

@@ -1,0 +1,51 @@
+"""What a frame is cut into: the objects on a table, the table, and what was left out and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """Something that is no object: what ("plane", "cluster", "points"), why, and the number of points concerned."""
+
+    what: str
+    why: str
+    n_points: int
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The objects of a frame, the largest first; lists of one length.
+
+    objects: clouds (M, 3) in the frame and dtype of the input. indices: of their points in the input, flattened.
+    plane: (4,), n·p + d = 0 with n up, or None; n_table: its points. touches_border: cut off by the image (never so for
+    a loose cloud). touches_gripper: within 1 cm of it. rejected: what was left out and why. obstacles: clouds of those
+    of it that a gripper could hit. Every point of the input is in an object, in the table, or counted in `rejected` as
+    "points" or "cluster".
+    """
+
+    objects: list[FloatArray]
+    indices: list[IntArray]
+    plane: FloatArray | None
+    touches_border: list[bool]
+    touches_gripper: list[bool]
+    rejected: list[Rejected] = field(default_factory=list)
+    obstacles: list[FloatArray] = field(default_factory=list)
+    n_table: int = 0
+
+    def summary(self) -> str:
+        """What was rejected, in a sentence."""
+        parts = [
+            f"{entry.n_points} points: {entry.why}"
+            if entry.what == "points"
+            else f"a {entry.what} of {entry.n_points} points: {entry.why}"
+            for entry in self.rejected
+        ]
+        return "; ".join(parts) if parts else "nothing was rejected"
