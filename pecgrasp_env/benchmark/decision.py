@@ -26,7 +26,7 @@ def decision(settings: Mapping[str, Any]) -> list[Row]:
     from pec.checkpoint import Checkpoint
     from pec.training.config import DatasetConfig, TrainConfig
     from pecgrasp_env.objects import LARS_CLASSES
-    from pecgrasp_env.policy.perception import read_observation
+    from pecgrasp_env.policy.observation import read_observation
     from pecgrasp_env.policy.scripted import ScriptedPolicy
     from pecgrasp_env.sensor import deproject
 
@@ -37,12 +37,12 @@ def decision(settings: Mapping[str, Any]) -> list[Row]:
     model = PEC(64, len(LARS_CLASSES)).eval()  # weights do not matter to the time
     way = TrainConfig(DatasetConfig(""), "").preprocess
     policy = ScriptedPolicy(Classifier(Checkpoint(model, list(LARS_CLASSES), way, 1.0, 0)), min_confidence=1e-6)
-    cloud = deproject(*percept.picture).reshape(-1, 3)
+    cloud = deproject(*percept.frame).reshape(-1, 3)
     cloud = cloud[np.isfinite(cloud).all(axis=1)]
     taken: dict[str, list[float]] = {stage: [] for stage in _STAGES}
 
     def decide() -> None:
-        arguments = (*percept.picture, percept.T_base_camera, LARS_CLASSES[0])
+        arguments = (*percept.frame, percept.T_base_camera, LARS_CLASSES[0])
         pick = policy.plan_only(*arguments, q=percept.q, opening=percept.opening)
         if pick.reason is not None:
             raise RuntimeError(f"seed={settings['seed']}: nothing to time, {pick.reason}")
@@ -50,7 +50,7 @@ def decision(settings: Mapping[str, Any]) -> list[Row]:
             taken[stage] += policy.log.stages[stage]
 
     times = side_by_side({_TREE: lambda: cKDTree(cloud), _DECISION: decide}, settings["repeats"])
-    rows = rows_of(times, _TREE, f"{percept.picture.intrinsics.width}x{percept.picture.intrinsics.height}, 3 objects")
+    rows = rows_of(times, _TREE, f"{percept.frame.intrinsics.width}x{percept.frame.intrinsics.height}, 3 objects")
     if "decide_at_most_ms" in settings:
         rows[-1]["at_most_ms"] = float(settings["decide_at_most_ms"])
     whole = times[_DECISION]

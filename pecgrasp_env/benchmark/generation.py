@@ -105,7 +105,7 @@ def _shares(case: str, config: CaptureConfig) -> list[Row]:
         _timed(DepthStudio, "draw", spent, "rasteriser alone (the floor)"),
         _timed(free, "measure", spent, "sensor model"),
         _timed(tabletop, "measure", spent, "sensor model"),
-        _timed(tabletop, "cut_out", spent, "segmentation"),
+        _timed(tabletop, "segment_frame", spent, "segmentation"),
         _timed(tabletop, "arrange", spent, "layout of the table"),
         _timed(table, "background_depth", spent, "table and floor"),
     ):

@@ -58,7 +58,8 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
 
 def segmentation(settings: Mapping[str, Any]) -> list[Row]:
     """A frame of the task's wrist camera, five objects on the table, beside a k-d tree of the frame's points."""
-    from pecgrasp_env.policy.perception import gripper_mask, read_observation
+    from pecgrasp_env.policy.observation import read_observation
+    from pecgrasp_env.policy.perception import gripper_mask
     from pecgrasp_env.sensor import deproject
 
     targets = settings.get("segment_at_most_ms", {})
@@ -68,7 +69,7 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
         obs, _ = env.reset(seed=settings["seed"])
         percept = read_observation(obs)
         env.close()
-        cloud = deproject(*percept.picture)
+        cloud = deproject(*percept.frame)
         cloud[gripper_mask(cloud, percept.opening)] = np.nan
         T = percept.T_base_camera
         cloud = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)

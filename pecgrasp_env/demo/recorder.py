@@ -51,7 +51,7 @@ class EpisodeRecorder:
 
             def caption(badge: tuple[str, str] | None = None) -> np.ndarray:
                 heading = f"Episode {number} of {self._total}: the {target.replace('_', ' ')} is asked for"
-                depth = None if policy.percept is None else policy.percept.picture.depth
+                depth = None if policy.percept is None else policy.percept.frame.depth
                 return compose(pictures[-1], heading, policy.log.doing, depth=depth, badge=badge)
 
             def on_step(env: Any) -> None:
@@ -74,7 +74,7 @@ class EpisodeRecorder:
 
 def _with_sight(record: EpisodeRecord, sight: Sight) -> EpisodeRecord:
     percept = sight.percept
-    cloud = deproject(*percept.picture).reshape(-1, 3)
+    cloud = deproject(*percept.frame).reshape(-1, 3)
     T = percept.T_base_camera
     cloud = cloud[np.isfinite(cloud).all(axis=1)] @ T[:3, :3].T + T[:3, 3]
     objects = []

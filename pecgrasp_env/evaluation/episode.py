@@ -10,7 +10,8 @@ import gymnasium as gym
 import numpy as np
 
 from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
-from pecgrasp_env.policy.scripted import NOT_FOUND, PolicyLog
+from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.pick_planner import NOT_FOUND
 
 # What each outcome is called, and its tone: well, badly (it did harm), or without success.
 OUTCOME_WORDS = {

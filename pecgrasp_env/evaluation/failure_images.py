@@ -15,7 +15,7 @@ from grasping import ROBOTIQ_2F_140, Grasp
 from pecgrasp_env.common.depth_image import depth_picture
 from pecgrasp_env.evaluation.episode import Policy
 from pecgrasp_env.evaluation.recording_policy import Sight, Watched
-from pecgrasp_env.policy.perception import Percept
+from pecgrasp_env.policy.observation import RobotObservation
 
 # In the order in which they were taken.
 KINDS = ("camera", "try", "end")
@@ -85,7 +85,7 @@ def what_it_saw(sight: Sight) -> np.ndarray:
     Where one was chosen, only the part about it, with the best grasp as pads and hand in red.
     """
     percept = sight.percept
-    depth = percept.picture.depth
+    depth = percept.frame.depth
     height, width = depth.shape
     places = [np.column_stack(_pixels(percept, seen.points)) for seen in sight.objects]
     tinted = np.full((height, width), -1)
@@ -134,11 +134,11 @@ def _outlines(grasp: Grasp) -> Iterator[np.ndarray]:
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
 
 
-def _pixels(percept: Percept, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pixels(percept: RobotObservation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns and rows (n,) of points (n, 3) of the base frame, which may lie outside of the picture."""
     T = np.linalg.inv(percept.T_base_camera)
     x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
-    K, z = percept.picture.intrinsics, np.maximum(z, 1e-3)
+    K, z = percept.frame.intrinsics, np.maximum(z, 1e-3)
     return K.fx * x / z + K.cx, K.fy * y / z + K.cy
 
 

@@ -10,15 +10,16 @@ import numpy as np
 
 from grasping import GraspPlan
 from pecgrasp_env.evaluation.episode import Policy
-from pecgrasp_env.policy.perception import Percept, SeenObject, read_observation
-from pecgrasp_env.policy.scripted import PolicyLog
+from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.observation import RobotObservation, read_observation
+from pecgrasp_env.policy.seen_objects import SeenObject
 
 
 @dataclass(frozen=True)
 class Sight:
     """What the policy had before it when it planned, or looked last. objects, plan: in the robot's base frame."""
 
-    percept: Percept
+    percept: RobotObservation
     objects: list[SeenObject]
     chosen: int | None = None
     plan: GraspPlan | None = None
@@ -30,7 +31,7 @@ class Watched:
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self.sight: Sight | None = None
-        self.percept: Percept | None = None
+        self.percept: RobotObservation | None = None
 
     @property
     def log(self) -> PolicyLog:

@@ -31,7 +31,8 @@ from pec.data.shards import (
 )
 from pec.errors import DatasetError
 from pecgrasp_env.objects import LARS_CLASSES, open_objects
-from pecgrasp_env.policy.perception import cut_out, read_observation
+from pecgrasp_env.policy.observation import read_observation
+from pecgrasp_env.policy.perception import segment_frame
 from pecgrasp_env.policy.viewpoints import look_postures
 
 __all__ = ["capture_scenes"]
@@ -110,7 +111,7 @@ def _scene(
         slot_of_pixel = np.full(pictured.shape, -1)
         for number, slot in owners.items():
             slot_of_pixel[pictured == number] = slot
-        scene = cut_out(percept, segmenter)
+        scene = segment_frame(percept, segmenter)
         T_camera_base = np.linalg.inv(percept.T_base_camera)
         for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
             slots = slot_of_pixel.reshape(-1)[indices]

@@ -1,7 +1,7 @@
 """The small movements of which a pick consists, as generators: each ``yield`` is one control step.
 
-A generator yields actions (8,) of the control mode `pd_joint_pos` and is sent what the robot then perceives; it returns
-the last percept.
+A generator yields actions (8,) of the control mode `pd_joint_pos` and is sent the observation that follows; it returns
+the last one.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy as np
 
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.motion.trajectory import MotionError, straight_line, time_law
-from pecgrasp_env.policy.perception import Percept
-from pecgrasp_env.robot import forward_kinematics
+from pecgrasp_env.policy.observation import RobotObservation
+from pecgrasp_env.robot.kinematics import forward_kinematics
 
-Steps = Generator[np.ndarray, Percept, Any]
+Steps = Generator[np.ndarray, RobotObservation, Any]
 
 _STILL_OPENING_M = 0.0003  # a gripper whose opening changes by less within a step has stopped
 _LONGEST_CLOSING_STEPS = 30
@@ -32,60 +32,66 @@ _LONGEST_SETTLING_STEPS = 15
 class ArmSteps:
     """Moves the arm and the gripper. control_dt: seconds between two steps; force: limit of the grip, N."""
 
-    def __init__(self, percept: Percept, control_dt: float, force: float) -> None:
+    def __init__(self, observation: RobotObservation, control_dt: float, force: float) -> None:
         self.force = force
         self._control_dt = control_dt
-        self.command = np.array([*percept.q, ROBOTIQ_2F_140.stroke, force], np.float32)
+        self.command = np.array([*observation.q, ROBOTIQ_2F_140.stroke, force], np.float32)
 
     def _action(self, q: np.ndarray, opening: float) -> np.ndarray:
         self.command = np.array([*q, opening, self.force], np.float32)
         return self.command
 
     def go(
-        self, waypoints: np.ndarray, percept: Percept, *, opening: float, speed: float = 1.0, careful: bool = False
+        self,
+        waypoints: np.ndarray,
+        observation: RobotObservation,
+        *,
+        opening: float,
+        speed: float = 1.0,
+        careful: bool = False,
     ) -> Steps:
         """Follow joint waypoints (K, 6) and wait until the arm is there; ``careful`` stops where something resists."""
         for q in time_law(waypoints, self._control_dt, speed):
-            percept = yield self._action(q, opening)
-            if careful and self.blocked(percept, opening):
-                return (yield self._action(percept.q, opening))
+            observation = yield self._action(q, opening)
+            if careful and self.blocked(observation, opening):
+                return (yield self._action(observation.q, opening))
         for _ in range(_LONGEST_SETTLING_STEPS):
-            if np.abs(percept.q - waypoints[-1]).max() < _SETTLED_RAD:
+            if np.abs(observation.q - waypoints[-1]).max() < _SETTLED_RAD:
                 break
-            percept = yield self._action(waypoints[-1], opening)
-        return percept
+            observation = yield self._action(waypoints[-1], opening)
+        return observation
 
-    def blocked(self, percept: Percept, opening: float) -> bool:
+    def blocked(self, observation: RobotObservation, opening: float) -> bool:
         """Whether the arm or the fingers are kept from where they were sent, further than they lag by themselves."""
-        lag = float(np.abs(percept.q - self.command[:6]).max())
-        return lag > _BLOCKED_RAD or abs(percept.opening - opening) > _BLOCKED_OPENING_M
+        lag = float(np.abs(observation.q - self.command[:6]).max())
+        return lag > _BLOCKED_RAD or abs(observation.opening - opening) > _BLOCKED_OPENING_M
 
-    def close(self, percept: Percept) -> Steps:
+    def close(self, observation: RobotObservation) -> Steps:
         """Close and wait until the fingers stand still, on something or on each other."""
         still = 0
         for _ in range(_LONGEST_CLOSING_STEPS):
-            before = percept.opening
-            percept = yield self._action(self.command[:6], 0.0)
-            still = still + 1 if abs(percept.opening - before) < _STILL_OPENING_M else 0
+            before = observation.opening
+            observation = yield self._action(self.command[:6], 0.0)
+            still = still + 1 if abs(observation.opening - before) < _STILL_OPENING_M else 0
             if still == 3:
                 break
-        return percept
+        return observation
 
-    def let_go(self, percept: Percept) -> Steps:
+    def let_go(self, observation: RobotObservation) -> Steps:
         """Open where the hand is."""
         for _ in range(_OPENING_STEPS):
-            percept = yield self._action(self.command[:6], ROBOTIQ_2F_140.stroke)
-        return percept
+            observation = yield self._action(self.command[:6], ROBOTIQ_2F_140.stroke)
+        return observation
 
-    def rise(self, percept: Percept) -> Steps:
+    def rise(self, observation: RobotObservation) -> Steps:
         """Straight up with an open hand, as far as the arm reaches, out of what stands around."""
-        T = forward_kinematics(percept.q)
+        T = forward_kinematics(observation.q)
         for height in np.arange(_SAFE_TOOL_M - T[2, 3], 0.0, -0.05):
             T_up = T.copy()
             T_up[2, 3] += height
             try:
-                line = straight_line(percept.q, T, T_up)
+                line = straight_line(observation.q, T, T_up)
             except MotionError:
                 continue
-            return (yield from self.go(line, percept, opening=ROBOTIQ_2F_140.stroke))
-        return percept
+            return (yield from self.go(line, observation, opening=ROBOTIQ_2F_140.stroke))
+        return observation

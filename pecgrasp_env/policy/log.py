@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from grasping import Grasp, GraspPlan
-from pecgrasp_env.policy.perception import SeenObject
+from pecgrasp_env.policy.seen_objects import SeenObject
 
 
 @dataclass

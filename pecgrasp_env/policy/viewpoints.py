@@ -8,8 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pecgrasp_env.motion.trajectory import solutions_near
-from pecgrasp_env.robot import T_TOOL0_CAMERA
-from pecgrasp_env.robot.kinematics import HOME
+from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA
 
 # Where the camera is and what it looks at, base frame, metres.
 _TARGET = (0.50, 0.0, 0.02)

@@ -30,7 +30,8 @@ from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot, Stu
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, compose
 from pecgrasp_env.capture.scenarios.base import Captured, Subject, measure, rotation_matrix, sample_seed
 from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
-from pecgrasp_env.policy.perception import Percept, Picture, cut_out
+from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
+from pecgrasp_env.policy.perception import segment_frame
 from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.scene.placement import REGION, PlacementError, arrange, settle
@@ -181,8 +182,8 @@ class TabletopScenario:
             return samples
         depth = measure(self._config, table.depth, layout.camera, layout.rng)
         try:
-            percept = Percept(layout.q, ROBOTIQ_2F_140.stroke, lambda: Picture(depth, layout.camera))
-            scene = cut_out(percept, self._segmenter)
+            observation = RobotObservation(layout.q, ROBOTIQ_2F_140.stroke, lambda: DepthFrame(depth, layout.camera))
+            scene = segment_frame(observation, self._segmenter)
         except CloudError:
             for counter in reasons.values():
                 counter["not found"] += 1

@@ -8,7 +8,7 @@ import pecgrasp_env
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.envs.lazy_images import Pictures
 from pecgrasp_env.evaluation.episode import run_episode
-from pecgrasp_env.policy import scripted as policy
+from pecgrasp_env.policy import pick_planner as policy
 from pecgrasp_env.policy.viewpoints import HOME
 
 assert pecgrasp_env
@@ -88,7 +88,7 @@ def test_the_policy_goes_the_same_way_and_looks_seldom(both):
 
 def test_drawing_the_picture_is_not_counted_as_segmenting(both, monkeypatch):
     taken = []
-    monkeypatch.setattr(policy, "look", lambda percept, segmenter: taken.append("picture" in vars(percept)) or 1 / 0)
+    monkeypatch.setattr(policy, "look", lambda observation, _: taken.append("frame" in vars(observation)) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run_episode(both[1], ScriptedPolicy(None), 4)
     assert taken == [True]

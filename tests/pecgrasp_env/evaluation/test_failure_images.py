@@ -8,14 +8,15 @@ from grasping import CurvaturePlanner, Grasp, GraspPlan
 from pecgrasp_env.evaluation.failure_images import FailurePictures, camera, what_it_saw
 from pecgrasp_env.evaluation.recording_policy import Sight
 from pecgrasp_env.evaluation.run import Protocol
-from pecgrasp_env.policy.perception import Percept, Picture, SeenObject
+from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
+from pecgrasp_env.policy.seen_objects import SeenObject
 from pecgrasp_env.policy.viewpoints import HOME
 from pecgrasp_env.sensor import CameraIntrinsics
 
 
 def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
-    picture = Picture(np.full((240, 424), 0.6, np.float32), CameraIntrinsics(424, 240, 306.0, 306.0, 212.0, 120.0))
-    percept = Percept(np.array(HOME), 0.14, lambda: picture)
+    picture = DepthFrame(np.full((240, 424), 0.6, np.float32), CameraIntrinsics(424, 240, 306.0, 306.0, 212.0, 120.0))
+    percept = RobotObservation(np.array(HOME), 0.14, lambda: picture)
     T = percept.T_base_camera
     ahead = T[:3, :3] @ np.array([0.05, 0.0, 0.55]) + T[:3, 3]
     pose = np.eye(4)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.policy.perception import ObservationError
+from pecgrasp_env.policy.observation import ObservationError
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.policy.viewpoints import HOME, look_at
 from pecgrasp_env.robot import forward_kinematics, tool0_from_grasp

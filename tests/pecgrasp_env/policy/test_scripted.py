@@ -8,17 +8,9 @@ from mani_skill.utils.structs.pose import Pose
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.evaluation.run import run_episode
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
-from pecgrasp_env.policy.perception import (
-    OTHER,
-    ObservationError,
-    SeenObject,
-    class_probabilities,
-    gripper_mask,
-    look,
-    merge,
-    read_observation,
-    still_there,
-)
+from pecgrasp_env.policy.observation import ObservationError, read_observation
+from pecgrasp_env.policy.perception import gripper_mask, look, still_there
+from pecgrasp_env.policy.seen_objects import OTHER, SeenObject, class_probabilities, merge
 from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinematics
 
 

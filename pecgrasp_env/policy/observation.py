@@ -1,0 +1,118 @@
+"""One observation as a real robot has it: joint angles, gripper, and the depth frame of the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from grasping import ROBOTIQ_2F_140
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
+from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
+
+_OPENING_SLACK_M = 0.002  # a measured opening may lie a little outside of the stroke
+
+
+class ObservationError(ValueError):
+    """The observation lacks what the policy needs; the message names the key."""
+
+
+class DepthFrame(NamedTuple):
+    """depth: (H, W) float32 m along the optical axis, 0 for none."""
+
+    depth: np.ndarray
+    intrinsics: CameraIntrinsics
+
+
+@dataclass(frozen=True)
+class RobotObservation:
+    """One moment: joint angles (6,) rad, gripper opening m, the camera's depth frame, and the force between the pads,
+    N, where the gripper measures it.
+
+    take: takes the frame when it is first used. camera: T_base_camera (4, 4) where it is known otherwise than from the
+    joint angles. shows_gripper: whether the camera sits on the bracket, so that the gripper may be in its frame.
+    """
+
+    q: np.ndarray
+    opening: float
+    take: Callable[[], DepthFrame]
+    force: float | None = None
+    camera: np.ndarray | None = None
+    shows_gripper: bool = True
+
+    @cached_property
+    def frame(self) -> DepthFrame:
+        """Taken once."""
+        return self.take()
+
+    @property
+    def T_base_camera(self) -> np.ndarray:
+        """From the joint angles and the bracket's calibration, as on a real robot, unless it is given."""
+        return forward_kinematics(self.q) @ T_TOOL0_CAMERA if self.camera is None else self.camera
+
+
+def read_observation(obs: Mapping[str, Any]) -> RobotObservation:
+    """A visual observation of SelectiveGrasp-v1 with depth, batched with one sub-environment or not batched.
+
+    Raises:
+        ObservationError: a key is missing, or there is more than one sub-environment.
+    """
+    images = _at(obs, "sensor_data", "wrist_camera")
+    if "depth" not in images:
+        raise ObservationError("obs has no sensor_data/wrist_camera/depth: use an obs_mode with depth")
+    qpos = np.atleast_2d(np.asarray(_at(obs, "agent", "qpos"), float))
+    if len(qpos) != 1:
+        raise ObservationError(f"obs holds {len(qpos)} sub-environments: the policy drives one robot")
+    K = np.asarray(_at(obs, "sensor_param", "wrist_camera", "intrinsic_cv"), float).reshape(3, 3)
+
+    def take() -> DepthFrame:
+        depth = np.asarray(images["depth"], np.float32)
+        height, width = depth.shape[-3:-1]
+        return DepthFrame(
+            depth.reshape(height, width), CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        )
+
+    opening = float(np.asarray(_at(obs, "extra", "opening")).reshape(-1)[0])
+    force = obs["extra"].get("force")
+    measured = None if force is None else float(np.asarray(force).reshape(-1)[0])
+    return RobotObservation(qpos[0, :6], opening, take, measured)
+
+
+def _at(obs: Mapping[str, Any], *keys: str) -> Any:
+    value: Any = obs
+    for depth, key in enumerate(keys):
+        if not isinstance(value, Mapping) or key not in value:
+            raise ObservationError(f"obs has no {'/'.join(keys[: depth + 1])}: use an obs_mode with depth")
+        value = value[key]
+    return value
+
+
+def observation_of_frame(
+    depth: ArrayLike,
+    intrinsics: CameraIntrinsics,
+    T_base_camera: ArrayLike,
+    q: ArrayLike | None,
+    opening: float | None,
+) -> RobotObservation:
+    """The observation of one depth frame, of a camera anywhere, checked.
+
+    Raises ObservationError that names what is wrong.
+    """
+    depth = np.nan_to_num(np.asarray(depth, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    expected = (intrinsics.height, intrinsics.width)
+    if depth.shape != expected:
+        raise ObservationError(f"depth has shape {depth.shape}; the intrinsics are of a frame {expected}")
+    T = np.asarray(T_base_camera, float)
+    if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3:
+        raise ObservationError(f"T_base_camera must be a rigid transform (4, 4), got {T.tolist()}")
+    joints = np.zeros(6) if q is None else np.asarray(q, float)
+    if joints.shape != (6,) or not np.isfinite(joints).all():
+        raise ObservationError(f"q must be six joint angles in radians, got {joints.tolist()}")
+    if opening is not None and not -_OPENING_SLACK_M <= opening <= ROBOTIQ_2F_140.stroke + _OPENING_SLACK_M:
+        raise ObservationError(f"opening={opening}: must be within 0 … {ROBOTIQ_2F_140.stroke} m")
+    taken, shown = DepthFrame(depth, intrinsics), opening is not None
+    return RobotObservation(joints, opening or 0.0, lambda: taken, camera=T, shows_gripper=shown)

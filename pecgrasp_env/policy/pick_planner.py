@@ -1,0 +1,128 @@
+"""From depth frames to a planned pick: look, choose the object of the asked-for class, plan grasp and motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from grasping import GraspPlan, Segmenter
+from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
+from pecgrasp_env.motion.trajectory import MotionError
+from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.observation import RobotObservation
+from pecgrasp_env.policy.perception import View, look
+from pecgrasp_env.policy.planned_pick import PlannedPick
+from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, merge
+from pecgrasp_env.robot.kinematics import UP
+
+NOT_FOUND = "not found"
+
+_SURE = 0.9  # probability from which one look is enough
+_DOUBT = 0.3  # of a second object, from which one look is not enough
+
+
+class PickPlanner:
+    """Decides what to pick up and how; nothing moves.
+
+    Args:
+        classifier, planner, segmenter, min_confidence: as `ScriptedPolicy` takes them.
+        target: the class that is asked for.
+        log: takes the stages' times and what was seen, chosen and planned.
+    """
+
+    def __init__(
+        self,
+        classifier: Any,
+        planner: Any,
+        segmenter: Segmenter,
+        min_confidence: float,
+        target: str,
+        log: PolicyLog,
+    ) -> None:
+        self._classifier = classifier
+        self._planner = planner
+        self._segmenter = segmenter
+        self._min_confidence = min_confidence
+        self._target = target
+        self._log = log
+
+    def look(self, observation: RobotObservation, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
+        """The objects of one depth frame, classified and joined with those known, and what else the frame shows."""
+        _ = observation.frame  # a simulated camera renders it only now, and that is not part of segmenting
+        with self._log.timed("segment"):
+            view = look(observation, self._segmenter)
+        with self._log.timed("classify"):
+            if self._classifier is None:
+                answers = [{self._target: 1.0} for _ in view.clouds]
+            else:
+                answers = class_probabilities(self._classifier, view.clouds)
+            for seen, answer in zip(view.objects, answers, strict=True):
+                seen.evidence += [answer] if answer else []
+        objects = merge(known, view.objects)
+        self._log.views += 1
+        self._log.objects = objects
+        return objects, view
+
+    def likeliest(self, objects: list[SeenObject]) -> int | None:
+        """The object that is likeliest of the asked-for class; of equals the first, which is the largest."""
+        best, index = 0.0, None
+        for k, seen in enumerate(objects):
+            if not seen.touches_border and seen.evidence:
+                probability = seen.probabilities().get(self._target, 0.0)
+                if probability > best:
+                    best, index = probability, k
+        self._log.confidence = best
+        return index
+
+    def choose(self, objects: list[SeenObject]) -> int | None:
+        """The likeliest object, if it is likely enough."""
+        index = self.likeliest(objects)
+        return index if self._log.confidence >= self._min_confidence else None
+
+    def is_sure(self, objects: list[SeenObject]) -> bool:
+        """Whether one look is enough: the object is likely, and no other could be it."""
+        index = self.likeliest(objects)
+        if self._classifier is None:
+            return index is not None
+        probabilities = [seen.probabilities().get(self._target, 0.0) for seen in objects if seen.evidence]
+        likely = self._log.confidence >= max(_SURE, self._min_confidence)
+        return likely and sum(p > _DOUBT for p in probabilities) == 1
+
+    def decide(self, objects: list[SeenObject], view: View, q: np.ndarray | None) -> PlannedPick:
+        """Which object to pick up, with which grasp and, from joint angles q (6,) rad, along which joint paths.
+
+        view: the last look at the objects. Where there is no object, grasp or path, the result's `reason` says why.
+        """
+        chosen = self.choose(objects)
+        nothing = PlannedPick(objects, chosen, None, None, self._log.confidence, NOT_FOUND)
+        if chosen is None:
+            return nothing
+        points = objects[chosen].points
+        others = np.concatenate([view.obstacles, *(seen.points for k, seen in enumerate(objects) if k != chosen)])
+        with self._log.timed("plan grasp"):
+            plan: GraspPlan = self._planner.plan(points, up=UP, table=view.plane, obstacles=others)
+        self._log.plan, self._log.chosen = plan, chosen
+        planned = replace(nothing, plan=plan, reason=None)
+        if plan.best is None:
+            return replace(planned, reason=f"no grasp: {plan.reason}")
+        with self._log.timed("plan motion"):
+            if q is None:
+                T_base_grasp, T_base_tool0, opening = grasp_to_carry_out(plan.best, view.plane)
+                approach, width = None, plan.best.width
+            else:
+                try:
+                    approach = plan_approach(plan, points, others, view.plane, q)
+                except MotionError as error:
+                    return replace(planned, reason=f"no motion: {error}")
+                T_base_grasp, T_base_tool0 = approach.T_base_grasp, approach.T_base_tool0
+                opening, width = approach.opening, approach.grasp.width
+        return replace(
+            planned,
+            approach=approach,
+            T_base_grasp=T_base_grasp,
+            T_base_tool0=T_base_tool0,
+            width=width,
+            opening=opening,
+        )
