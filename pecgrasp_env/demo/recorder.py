@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,15 @@ class EpisodeRecorder:
     """Runs episodes in one environment and leaves SEED.mp4 and SEED.npz of each in a folder.
 
     film: steps_per_frame, width and height of the pictures (pixels), eye and target of the camera (metres, world
-    frame), its field of view fov (radians). total: number of episodes, for the caption.
+    frame), its field of view fov (radians). seeds: those of all episodes, which captions count.
     """
 
-    def __init__(self, protocol: Protocol, folder: Path, film: Mapping[str, Any], total: int) -> None:
+    def __init__(self, protocol: Protocol, folder: Path, film: Mapping[str, Any], seeds: Sequence[int]) -> None:
+        import torch
         from mani_skill.utils import sapien_utils
 
+        warnings.filterwarnings("ignore", message=".*Box (low|high)'s precision lowered")  # ManiSkill's float64 limits
+        torch.set_num_threads(1)
         camera = {
             "pose": sapien_utils.look_at(film["eye"], film["target"]),
             "width": film["width"],
@@ -38,11 +42,12 @@ class EpisodeRecorder:
         }
         self._env = protocol.make_env(render_mode="rgb_array", human_render_camera_configs=camera, enable_shadow=True)
         self._policy = Watched(protocol.make_policy())
-        self._folder, self._stride, self._total = folder, int(film["steps_per_frame"]), total
+        self._folder, self._stride, self._seeds = folder, int(film["steps_per_frame"]), seeds
 
-    def record(self, seed: int, number: int) -> tuple[int, str, str]:
+    def run(self, seed: int) -> tuple[int, str, str]:
         """Run the episode of a seed. Returns the seed, the asked-for class and the outcome."""
         policy, env = self._policy, self._env
+        place = f"{self._seeds.index(seed) + 1} of {len(self._seeds)}"
         pictures: list[np.ndarray] = []
         steps = 0
         target = ""
@@ -50,7 +55,7 @@ class EpisodeRecorder:
         with Film(self._folder / f"{seed}.mp4", fps) as film:
 
             def caption(badge: tuple[str, str] | None = None) -> np.ndarray:
-                heading = f"Episode {number} of {self._total}: the {target.replace('_', ' ')} is asked for"
+                heading = f"Episode {place}: the {target.replace('_', ' ')} is asked for"
                 depth = None if policy.percept is None else policy.percept.frame.depth
                 return compose(pictures[-1], heading, policy.log.doing, depth=depth, badge=badge)
 
@@ -70,6 +75,9 @@ class EpisodeRecorder:
             record = _with_sight(record, policy.sight)
         save_record(self._folder / f"{seed}.npz", record)
         return seed, episode.target, OUTCOME_WORDS[episode.outcome][0]
+
+    def close(self) -> None:
+        self._env.close()
 
 
 def _with_sight(record: EpisodeRecord, sight: Sight) -> EpisodeRecord:

@@ -10,15 +10,13 @@ import hashlib
 import importlib.metadata
 import json
 import logging
-import multiprocessing
 import os
 import platform
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from tqdm import tqdm
 from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.common.atomic_files import write_whole
+from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.demo.episode_record import EpisodeRecord, load_record
 from pecgrasp_env.demo.recorder import EpisodeRecorder
 from pecgrasp_env.demo.report import ClassifierRecord, ReportRecord, stage_times, write_report
@@ -166,35 +165,10 @@ def _record_episodes(
     if not missing:
         say("      all of them were there already")
         return
-    # One core a process: Mesa's software driver would start a thread for each core in all of them.
-    os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
-    context = multiprocessing.get_context("spawn")  # a forked copy of a Vulkan device does not work
-    numbers = {seed: number for number, seed in enumerate(seeds, 1)}
-    pool = ProcessPoolExecutor(min(workers, len(missing)), context, _start, (protocol, folder, dict(film), len(seeds)))
-    try:
-        futures = [pool.submit(_record, seed, numbers[seed]) for seed in missing]
-        for future in tqdm(as_completed(futures), total=len(futures), unit="episode", leave=False):
-            seed, target, outcome = future.result()
-            tqdm.write(f"      episode {numbers[seed]:>2}: {target}: {outcome}")
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-_recorder: EpisodeRecorder | None = None
-
-
-def _start(protocol: Protocol, folder: Path, film: dict[str, Any], total: int) -> None:
-    import torch
-
-    global _recorder
-    warnings.filterwarnings("ignore", message=".*Box (low|high)'s precision lowered")  # ManiSkill's float64 limits
-    torch.set_num_threads(1)
-    _recorder = EpisodeRecorder(protocol, folder, film, total)
-
-
-def _record(seed: int, number: int) -> tuple[int, str, str]:
-    assert _recorder is not None
-    return _recorder.record(seed, number)
+    make_recorder = partial(EpisodeRecorder, protocol, folder, film, seeds)
+    with closing(run_jobs(make_recorder, missing, workers)) as results:
+        for seed, target, outcome in tqdm(results, total=len(missing), unit="episode", leave=False):
+            tqdm.write(f"      episode {seeds.index(seed) + 1:>2}: {target}: {outcome}")
 
 
 # ------------------------------------------------------------------------------------------------------ report

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import gc
 import json
-import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ import gymnasium as gym
 
 from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.failure_images import FailurePictures, camera
 from pecgrasp_env.policy.scripted import ScriptedPolicy
@@ -123,16 +124,18 @@ def run_episodes(
     n_done = len(mine) - len(missing)
     if progress is not None:
         progress(n_done, len(mine))
-    for episode in _run(protocol, missing, workers, out / "failures" if pictures else None):
-        with journal.open("a") as file:
-            file.write(json.dumps(asdict(episode)) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        n_done += 1
-        if on_episode is not None:
-            on_episode(episode)
-        if progress is not None:
-            progress(n_done, len(mine))
+    make_worker = partial(_EpisodeRunner, protocol, out / "failures" if pictures else None)
+    with closing(run_jobs(make_worker, missing, workers)) as episodes:
+        for episode in episodes:
+            with journal.open("a") as file:
+                file.write(json.dumps(asdict(episode)) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            n_done += 1
+            if on_episode is not None:
+                on_episode(episode)
+            if progress is not None:
+                progress(n_done, len(mine))
     known = {episode.seed: episode for episode in read_episodes(out)}
     if all(seed in known for seed in seeds):
         _join(out, list(known.values()))
@@ -168,32 +171,7 @@ def _join(folder: Path, episodes: Sequence[Episode]) -> None:
         journal.unlink(missing_ok=True)
 
 
-# ------------------------------------------------------------------------------------------------------ processes
-
-
-def _run(protocol: Protocol, seeds: Sequence[int], workers: int, pictures: Path | None) -> Iterator[Episode]:
-    if not seeds:
-        return
-    if workers == 1 or len(seeds) == 1:
-        worker = _Worker(protocol, pictures)
-        try:
-            for seed in seeds:
-                yield worker.run(seed)
-        finally:
-            worker.close()
-        return
-    # One core a process: Mesa's software driver would start a thread for each core in all of them.
-    os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
-    context = multiprocessing.get_context("spawn")  # the renderer does not survive a fork
-    pool = ProcessPoolExecutor(min(workers, len(seeds)), context, _start_worker, (protocol, pictures))
-    try:
-        for future in as_completed([pool.submit(_run_seed, seed) for seed in seeds]):
-            yield future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)  # after Ctrl-C do not wait for the rest
-
-
-class _Worker:
+class _EpisodeRunner:
     """An environment and a policy, for one episode after another."""
 
     def __init__(self, protocol: Protocol, pictures: Path | None) -> None:
@@ -224,18 +202,4 @@ class _Worker:
 
 
 def _failed(seed: int, error: Exception) -> Episode:
-    told = f"{type(error).__name__}: {error}"
-    return Episode(seed, "", "error", told, [], 0, 0, 0.0, [], {})
-
-
-_worker: _Worker | None = None
-
-
-def _start_worker(protocol: Protocol, pictures: Path | None) -> None:
-    global _worker
-    _worker = _Worker(protocol, pictures)
-
-
-def _run_seed(seed: int) -> Episode:
-    assert _worker is not None
-    return _worker.run(seed)
+    return Episode(seed, "", "error", f"{type(error).__name__}: {error}", [], 0, 0, 0.0, [], {})

@@ -12,13 +12,13 @@ package joins them. The expert looks at the depth picture, which is not kept: re
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ import gymnasium as gym
 import numpy as np
 
 from pecgrasp_env.common.atomic_files import write_whole
+from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.evaluation.summary import summarise
@@ -104,10 +105,11 @@ def record(
     n_done = len(seeds) - len(missing)
     if progress is not None:
         progress(n_done, len(seeds))
-    for _ in _run(recording, missing, workers, folder):
-        n_done += 1
-        if progress is not None:
-            progress(n_done, len(seeds))
+    with closing(run_jobs(partial(_EpisodeRecorder, recording, folder), missing, workers)) as recorded:
+        for _ in recorded:
+            n_done += 1
+            if progress is not None:
+                progress(n_done, len(seeds))
     episodes = [Episode(**json.loads(_info_file(folder, seed).read_text())["episodes"][0]["expert"]) for seed in seeds]
     kept = [each.seed for each in episodes if keep == "all" or each.outcome == "success"]
     _join(folder, kept, out / "trajectory.h5", recording.env_kwargs("state_dict"))
@@ -185,7 +187,7 @@ class _JointSteps(gym.ActionWrapper):
         return np.clip([*(action[:6] - q) / _DELTA_RAD, *gripper], -1, 1).astype(np.float32)
 
 
-class _Worker:
+class _EpisodeRecorder:
     """An environment and an expert, for one episode after another."""
 
     def __init__(self, recording: Recording, folder: Path) -> None:
@@ -225,40 +227,3 @@ class _Worker:
 
     def close(self) -> None:
         self._env.close()
-
-
-# -------------------------------------------------------------------------------------------------------- processes
-
-
-def _run(recording: Recording, seeds: Sequence[int], workers: int, folder: Path) -> Iterator[Episode]:
-    if not seeds:
-        return
-    if workers == 1:
-        worker = _Worker(recording, folder)
-        try:
-            for seed in seeds:
-                yield worker.run(seed)
-        finally:
-            worker.close()
-        return
-    os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))  # of Mesa's driver
-    context = multiprocessing.get_context("spawn")  # the renderer does not survive a fork
-    pool = ProcessPoolExecutor(min(workers, len(seeds)), context, _start_worker, (recording, folder))
-    try:
-        for future in as_completed([pool.submit(_run_seed, seed) for seed in seeds]):
-            yield future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-_worker: _Worker | None = None
-
-
-def _start_worker(recording: Recording, folder: Path) -> None:
-    global _worker
-    _worker = _Worker(recording, folder)
-
-
-def _run_seed(seed: int) -> Episode:
-    assert _worker is not None
-    return _worker.run(seed)
