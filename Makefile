@@ -2,7 +2,7 @@
 .PHONY: demo test setup lint benchmark clean
 
 demo: setup
-	.venv/bin/python scripts/demo.py
+	.venv/bin/pecgrasp demo
 
 test: setup lint
 	.venv/bin/python -m pytest
@@ -13,7 +13,7 @@ lint: setup
 	.venv/bin/python -m mypy
 
 benchmark: setup
-	.venv/bin/python scripts/benchmark.py
+	.venv/bin/pecgrasp benchmark
 
 setup:
 	@bash scripts/setup.sh

@@ -1,8 +1,8 @@
-"""The one thing that pyproject.toml cannot say: how to compile the kernels, and that they may be left out."""
+"""What pyproject.toml cannot say: how to compile the kernels, that they may be left out, and where conf/ lies."""
 
 from glob import glob
 
-from setuptools import Extension, setup
+from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 
@@ -20,6 +20,8 @@ class BuildKernels(build_ext):
 FOLDERS = ("grasping/curvature_planner", "pec/preprocessing")
 
 setup(
+    packages=[*find_packages(include=["grasping*", "pec*"]), "pecgrasp.conf"],
+    package_dir={"pecgrasp.conf": "conf"},
     cmdclass={"build_ext": BuildKernels},
     ext_modules=[
         Extension(

@@ -1,25 +1,6 @@
-"""Measure the speed of each part: `python scripts/benchmark.py`; settings in conf/benchmark.yaml."""
+"""The same as `pecgrasp benchmark`."""
 
-import json
-import os
-from pathlib import Path
-
-import hydra
-from omegaconf import DictConfig, OmegaConf
-
-
-@hydra.main(version_base="1.3", config_path="../conf", config_name="benchmark")
-def main(cfg: DictConfig) -> None:
-    # Libraries read these when they are loaded. The renderer's threads are left as a user has them.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    from pecgrasp_env.benchmark.run import run_benchmark
-
-    results = run_benchmark(OmegaConf.to_container(cfg, resolve=True))
-    path = Path(cfg.output) / "results.json"
-    path.write_text(json.dumps(results, indent=1) + "\n")
-    print(f"\nresults: {path}")
-
+from pecgrasp.cli import main
 
 if __name__ == "__main__":
-    main()
+    main("benchmark")

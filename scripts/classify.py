@@ -1,36 +1,6 @@
-"""Classify one cloud: `python scripts/classify.py cloud=FILE checkpoint=DIR`."""
+"""The same as `pecgrasp classify`."""
 
-import json
-import sys
-from pathlib import Path
-
-import hydra
-from omegaconf import DictConfig
-
-from grasping.cloud_files import read_cloud, valid_points
-from grasping.errors import CloudError as FileError
-from pec.classifier import Classifier
-from pec.errors import CheckpointError, CloudError
-
-
-@hydra.main(version_base="1.3", config_path="../conf", config_name="classify")
-def main(cfg: DictConfig) -> None:
-    try:
-        prediction = Classifier.load(cfg.checkpoint).predict(valid_points(read_cloud(cfg.cloud)))
-    except (CheckpointError, CloudError, FileError, FileNotFoundError) as error:
-        sys.exit(f"classify: {error}")
-    print(f"{prediction.label}, confidence {100 * prediction.confidence:.2f} %")
-    for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
-        print(f"{label:20}{100 * probability:7.2f} %")
-    results = {
-        "label": prediction.label,
-        "confidence": prediction.confidence,
-        "probabilities": prediction.probabilities,
-    }
-    output = Path(cfg.output)
-    output.mkdir(parents=True, exist_ok=True)
-    (output / "results.json").write_text(json.dumps(results, indent=1) + "\n")
-
+from pecgrasp.cli import main
 
 if __name__ == "__main__":
-    main()
+    main("classify")

@@ -1,31 +1,6 @@
-"""Write a checkpoint's network as ONNX: `python scripts/export_onnx.py checkpoint=DIR`; the file says how to use it."""
+"""The same as `pecgrasp export-onnx`."""
 
-import json
-import sys
-from pathlib import Path
-
-import hydra
-from omegaconf import DictConfig
-
-from pec.checkpoint import read_checkpoint
-from pec.errors import CheckpointError, ConfigError
-from pec.onnx_export import export_onnx
-
-
-@hydra.main(version_base="1.3", config_path="../conf", config_name="export_onnx")
-def main(cfg: DictConfig) -> None:
-    output = Path(cfg.output)
-    try:
-        path = export_onnx(read_checkpoint(cfg.checkpoint), output / "model.onnx")
-    except (CheckpointError, ConfigError) as error:
-        sys.exit(f"export_onnx: {error}")
-    except ImportError as error:
-        sys.exit(f"export_onnx: {error}: pip install '.[onnx]'")
-    (output / "results.json").write_text(
-        json.dumps({"model": str(path), "bytes": path.stat().st_size}, indent=1) + "\n"
-    )
-    print(path)
-
+from pecgrasp.cli import main
 
 if __name__ == "__main__":
-    main()
+    main("export-onnx")

@@ -1,20 +1,6 @@
-"""Ask planners what the dissertation's figures show: `python scripts/published_figures.py [instances=…]`."""
+"""The same as `pecgrasp published-figures`."""
 
-from pathlib import Path
-
-import hydra
-from hydra.utils import instantiate
-from omegaconf import DictConfig
-
-from pecgrasp_env.experiments.published_figures import measure_figures
-
-
-@hydra.main(version_base="1.3", config_path="../conf", config_name="published_figures")
-def main(cfg: DictConfig) -> None:
-    output = Path(cfg.output)
-    measure_figures(instantiate(cfg.planners), first_seed=cfg.first_seed, instances=cfg.instances, output=output)
-    print(f"\nresults: {output / 'results.json'}")
-
+from pecgrasp.cli import main
 
 if __name__ == "__main__":
-    main()
+    main("published-figures")

@@ -1,29 +1,6 @@
-"""Classify corrupted test clouds with trained classifiers: `python scripts/robustness.py runs=[DIR,DIR]`."""
+"""The same as `pecgrasp robustness`."""
 
-import json
-import sys
-from pathlib import Path
-
-import hydra
-from omegaconf import DictConfig
-
-from pec.errors import CheckpointError, ConfigError, DatasetError
-from pec.experiments.robustness import measure_robustness, robustness_table
-
-
-@hydra.main(version_base="1.3", config_path="../conf", config_name="robustness")
-def main(cfg: DictConfig) -> None:
-    try:
-        runs = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs)
-        rows = measure_robustness(runs, data=cfg.data, seed=cfg.seed, progress=cfg.progress)
-    except (CheckpointError, ConfigError, DatasetError) as error:
-        sys.exit(f"robustness: {error}")
-    table = robustness_table(rows)
-    print(table)
-    output = Path(cfg.output)
-    (output / "table.md").write_text(table)
-    (output / "results.json").write_text(json.dumps({"rows": rows}, indent=1) + "\n")
-
+from pecgrasp.cli import main
 
 if __name__ == "__main__":
-    main()
+    main("robustness")

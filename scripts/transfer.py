@@ -1,24 +1,6 @@
-"""What realism buys: train on each kind of data set, test on the robot's own clouds; settings in conf/transfer.yaml."""
+"""The same as `pecgrasp transfer`."""
 
-import sys
-
-import hydra
-from omegaconf import DictConfig, OmegaConf
-
-
-@hydra.main(version_base="1.3", config_path="../conf", config_name="transfer")
-def main(cfg: DictConfig) -> None:
-    from pec.errors import CheckpointError, ConfigError, DatasetError
-    from pecgrasp_env.capture import CaptureError
-    from pecgrasp_env.experiments.transfer import run_transfer, table
-    from pecgrasp_env.objects import ObjectError
-
-    try:
-        results = run_transfer(OmegaConf.to_container(cfg, resolve=True))
-    except (CaptureError, CheckpointError, ConfigError, DatasetError, ObjectError) as error:
-        sys.exit(f"transfer: {error}")
-    print(f"\nbest first:\n{table(results)}\nresults: {cfg.out}/results.json")
-
+from pecgrasp.cli import main
 
 if __name__ == "__main__":
-    main()
+    main("transfer")

@@ -38,7 +38,7 @@ class WriteEvaluation(Callback):
 
     def _write(self, config: DictConfig) -> None:
         table: Any = OmegaConf.to_container(config.table, resolve=True)
-        command = " ".join(["python scripts/evaluate_grasp.py", *config.hydra.overrides.task])
+        command = " ".join(["pecgrasp evaluate", *config.hydra.overrides.task])
         folder = Path(config.folder)
         print(write_evaluation(folder, table, [command]))
         print(f"report: {folder / 'report.html'}")

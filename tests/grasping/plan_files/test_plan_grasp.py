@@ -1,13 +1,11 @@
-"""`scripts/plan_grasp.py` on files of every kind: its table, its exit status, results.json and plan.html."""
+"""`pecgrasp plan` on files of every kind: its table, its exit status, results.json and plan.html."""
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -23,22 +21,14 @@ import grasping
 from grasping import ConfigError, CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
 from grasping.plan_files.run import plan_files
+from pecgrasp.commands.plan import task_of
 
 ROOT = Path(__file__).parents[3]
 
 
-def script(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/plan_grasp.py", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
-
-
-def script_module() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("plan_grasp", ROOT / "scripts" / "plan_grasp.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", "pecgrasp", "plan", *arguments]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120)
 
 
 def configured(*overrides: str) -> DictConfig:
@@ -54,13 +44,13 @@ def folder_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.Com
     (folder / "broken.ply").write_text("ply\nformat ascii 1.0\nelement vertex 2\nproperty flat x\n")
     (folder / "notes.txt").write_text("no cloud")
     output = folder / "out"
-    return script(f"cloud={folder}", "frame=world", f"output={output}"), output
+    return command(f"cloud={folder}", "frame=world", f"output={output}"), output
 
 
 def test_one_damaged_file_does_not_stop_the_others_and_the_exit_status_says_so(folder_run) -> None:
     ended, output = folder_run
     assert ended.returncode == 1
-    assert "plan_grasp: 1 of 3 files failed" in ended.stderr
+    assert "pecgrasp plan: 1 of 3 files failed" in ended.stderr
     rows = ended.stdout.splitlines()
     assert rows[0].split() == ["cloud", "points", "width", "score", "kind", "position", "m", "time"]
     assert rows[1].startswith("box.npy")
@@ -120,7 +110,7 @@ def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> 
     np.save(tmp_path / "box.npy", box())
     own = (ROOT / "conf/gripper/panda_hand.yaml").read_text().replace("panda_hand\n", "my_hand\n", 1)
     (tmp_path / "mine.yaml").write_text(own.replace("stroke: 0.080", "stroke: 0.075"))
-    ended = script(
+    ended = command(
         f"cloud={tmp_path}/box.npy",
         f"gripper={tmp_path}/mine.yaml",
         "planner=centroid",
@@ -143,10 +133,10 @@ def test_a_gripper_of_ones_own_and_another_planner_are_taken(tmp_path: Path) -> 
     ],
 )
 def test_a_command_without_sense_ends_with_one_line(arguments: list[str], message: str, tmp_path: Path) -> None:
-    ended = script(*arguments, f"output={tmp_path}")
+    ended = command(*arguments, f"output={tmp_path}")
     assert ended.returncode == 1
     assert message in ended.stderr
-    assert ended.stderr.startswith("plan_grasp: ")
+    assert ended.stderr.startswith("pecgrasp plan: ")
     assert len(ended.stderr.splitlines()) == 1
 
 
@@ -165,18 +155,18 @@ def test_a_command_without_sense_ends_with_one_line(arguments: list[str], messag
 )
 def test_a_setting_without_sense_is_refused_by_name_and_value(override: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        script_module().task_of(configured("scene=true", override))
+        task_of(configured("scene=true", override))
 
 
 def test_a_gripper_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("stroke: [")
     with pytest.raises(ConfigError, match=r"gripper=.*mine\.yaml: expected the node content"):
-        script_module().task_of(configured(f"gripper_file={tmp_path}/mine.yaml"))
+        task_of(configured(f"gripper_file={tmp_path}/mine.yaml"))
 
 
-def test_the_script_needs_neither_torch_nor_the_simulator() -> None:
+def test_the_command_needs_neither_torch_nor_the_simulator() -> None:
     program = (
-        "import sys; sys.path.insert(0, 'scripts'); import plan_grasp; "
+        "import sys; import pecgrasp.commands.plan; "
         "print(sorted({name.split('.')[0] for name in sys.modules} & {'torch', 'sapien', 'mani_skill', 'gymnasium'}))"
     )
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)

@@ -1,0 +1,60 @@
+"""`pecgrasp COMMAND …`: finds the command's module and calls it; imports nothing else, so that help comes at once."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+
+__all__ = ["COMMANDS", "main"]
+
+# Command → the extra that it needs, and what it does.
+COMMANDS: dict[str, tuple[str | None, str]] = {
+    "plan": (None, "grasps on a cloud, a depth frame or a folder of them"),
+    "segment": (None, "cut a cloud or a depth frame into objects"),
+    "generate": ("sim", "labelled clouds of objects, as the robot sees them"),
+    "train": ("learn", "a classifier"),
+    "classify": ("learn", "one cloud, with a trained classifier"),
+    "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),
+    "ablate": ("learn", "train a grid, beside the published figures"),
+    "compare": ("learn", "trained classifiers, cloud by cloud"),
+    "robustness": ("learn", "trained classifiers on corrupted clouds"),
+    "export-onnx": ("onnx", "a trained classifier for other runtimes"),
+    "record-demos": ("sim", "trajectories of the scripted policy"),
+    "train-bc": ("sim", "a policy from recorded trajectories"),
+    "transfer": ("sim", "what realistic training clouds are worth"),
+    "published-figures": ("sim", "how often the dissertation's figures come true"),
+    "contact-sheet": ("sim", "a picture of the objects"),
+    "benchmark": ("sim", "how fast each part is"),
+    "demo": ("sim", "all of it, in at most ten minutes"),
+    "doctor": (None, "what works on this machine, and how to mend what does not"),
+}
+
+# What the extras of pyproject.toml bring, by import name.
+EXTRAS = {
+    "learn": ("torch", "safetensors", "tqdm", "tensorboard"),
+    "onnx": ("torch", "safetensors", "onnx", "onnxscript", "onnxruntime"),
+    "sim": ("torch", "tqdm", "mani_skill", "sapien", "gymnasium", "trimesh", "coacd", "h5py", "PIL", "imageio_ffmpeg"),
+}
+
+
+def usage() -> str:
+    lines = ["usage: pecgrasp COMMAND [KEY=VALUE …]    settings: pecgrasp COMMAND --help", ""]
+    lines += [f"  {name:18} {what}" for name, (_, what) in COMMANDS.items()]
+    return "\n".join([*lines, "", "Own configs, such as DIR/gripper/mine.yaml: gripper=mine --config-dir DIR"])
+
+
+def main(command: str | None = None) -> None:
+    """Run a command with what stands behind it in `sys.argv`; without an argument `sys.argv[1]` names it."""
+    if command is None:
+        command, *arguments = sys.argv[1:] or ["--help"]
+        if command in ("-h", "--help"):
+            print(usage())
+            return
+        if command not in COMMANDS:
+            sys.exit(f"pecgrasp: no command {command!r}; there are {', '.join(COMMANDS)}")
+        sys.argv = [f"pecgrasp {command}", *arguments]
+    extra, _ = COMMANDS[command]
+    if extra is not None and (missing := [name for name in EXTRAS[extra] if find_spec(name) is None]):
+        sys.exit(f"pecgrasp {command} needs pip install 'pecgrasp[{extra}]' (missing: {', '.join(missing)})")
+    import_module(f"pecgrasp.commands.{command.replace('-', '_')}").main()

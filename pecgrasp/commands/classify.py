@@ -1,0 +1,38 @@
+"""Classify one cloud: `pecgrasp classify FILE checkpoint=DIR`."""
+
+import json
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from grasping.cloud_files import read_cloud, valid_points
+from grasping.errors import CloudError as FileError
+from pec.classifier import Classifier
+from pec.errors import CheckpointError, CloudError
+from pecgrasp.settings import CONF, file_as_override
+
+
+@hydra.main(version_base="1.3", config_path=CONF, config_name="classify")
+def classify(cfg: DictConfig) -> None:
+    try:
+        prediction = Classifier.load(cfg.checkpoint).predict(valid_points(read_cloud(cfg.cloud)))
+    except (CheckpointError, CloudError, FileError, FileNotFoundError) as error:
+        sys.exit(f"pecgrasp classify: {error}")
+    print(f"{prediction.label}, confidence {100 * prediction.confidence:.2f} %")
+    for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
+        print(f"{label:20}{100 * probability:7.2f} %")
+    results = {
+        "label": prediction.label,
+        "confidence": prediction.confidence,
+        "probabilities": prediction.probabilities,
+    }
+    output = Path(cfg.output)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+
+
+def main() -> None:
+    sys.argv[1:] = file_as_override(sys.argv[1:])
+    classify()

@@ -1,0 +1,26 @@
+"""Trained classifiers on the same test clouds: `pecgrasp compare runs=[DIR,DIR]`."""
+
+import json
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from pec.errors import CheckpointError, ConfigError, DatasetError
+from pec.experiments.comparison import compare_classifiers, comparison_table
+from pecgrasp.settings import CONF
+
+
+@hydra.main(version_base="1.3", config_path=CONF, config_name="compare_classifiers")
+def main(cfg: DictConfig) -> None:
+    try:
+        runs = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs)
+        comparison = compare_classifiers(runs, data=cfg.data, seed=cfg.seed, progress=cfg.progress)
+    except (CheckpointError, ConfigError, DatasetError) as error:
+        sys.exit(f"pecgrasp compare: {error}")
+    table = comparison_table(comparison)
+    print(table)
+    output = Path(cfg.output)
+    (output / "table.md").write_text(table)
+    (output / "results.json").write_text(json.dumps(comparison, indent=1) + "\n")

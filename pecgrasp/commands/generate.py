@@ -1,0 +1,58 @@
+"""Generate labelled clouds: `pecgrasp generate out=DIR`; settings in conf/generate.yaml."""
+
+import json
+import sys
+
+import hydra
+from omegaconf import DictConfig
+
+from pec.errors import DatasetError
+from pecgrasp.progress import progress_bar
+from pecgrasp.settings import CONF, plain
+from pecgrasp_env.capture import CaptureConfig, CaptureError, generate, summarise, write_card
+from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.objects import ObjectError
+from pecgrasp_env.sensor import SensorError
+
+
+@hydra.main(version_base="1.3", config_path=CONF, config_name="generate")
+def main(cfg: DictConfig) -> None:
+    try:
+        config = CaptureConfig.from_settings(plain(cfg))
+        share = None if cfg.shard is None else JobShare.parse(cfg.shard)
+        with progress_bar("cloud", shown=cfg.progress) as progress:
+            generation = generate(
+                config,
+                cfg.out,
+                workers=cfg.workers,
+                on_error=cfg.on_error,
+                share=share,
+                frames_at_once=cfg.frames_at_once,
+                progress=progress,
+            )
+        summary = summarise(generation)
+    except (CaptureError, DatasetError, ObjectError, SensorError) as error:
+        sys.exit(f"pecgrasp generate: {error}")
+    except KeyboardInterrupt:
+        print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
+        sys.exit(130)
+    name = "results.json" if share is None else f"results.{share.index}of{share.count}.json"
+    (generation.directory / name).write_text(json.dumps(summary, indent=1) + "\n")
+    print(
+        f"{'class':18}{'instances':>10}{'clouds':>8}{'points: 5 %':>13}{'median':>8}{'95 %':>7}{'median depth m':>16}"
+    )
+    for row in summary["classes"]:
+        if not row["clouds"]:
+            print(f"{row['class']:18}{row['instances']:>10}{0:>8}")
+            continue
+        print(
+            f"{row['class']:18}{row['instances']:>10}{row['clouds']:>8}{row['points'][0]:>13}{row['points'][1]:>8}"
+            f"{row['points'][2]:>7}{'–' if row['median_depth_m'] is None else row['median_depth_m']:>16}"
+        )
+    print(f"draws that were not kept: {summary['rejected']}")
+    for instance, why in summary["skipped"].items():
+        print(f"skipped {instance}: {why}")
+    print(f"{summary['new_clouds']} new clouds in {summary['seconds']} s ({summary['clouds_per_second']} clouds/s)")
+    print(f"data set: {generation.directory}")
+    if share is None:
+        print(f"data card: {write_card(generation.directory)}")

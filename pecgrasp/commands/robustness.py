@@ -1,0 +1,26 @@
+"""Classify corrupted test clouds with trained classifiers: `pecgrasp robustness runs=[DIR,DIR]`."""
+
+import json
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from pec.errors import CheckpointError, ConfigError, DatasetError
+from pec.experiments.robustness import measure_robustness, robustness_table
+from pecgrasp.settings import CONF
+
+
+@hydra.main(version_base="1.3", config_path=CONF, config_name="robustness")
+def main(cfg: DictConfig) -> None:
+    try:
+        runs = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs)
+        rows = measure_robustness(runs, data=cfg.data, seed=cfg.seed, progress=cfg.progress)
+    except (CheckpointError, ConfigError, DatasetError) as error:
+        sys.exit(f"pecgrasp robustness: {error}")
+    table = robustness_table(rows)
+    print(table)
+    output = Path(cfg.output)
+    (output / "table.md").write_text(table)
+    (output / "results.json").write_text(json.dumps({"rows": rows}, indent=1) + "\n")
