@@ -10,12 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pec.experiments.chart_files import png, standalone_svg
+from pec.experiments.charts import points_over_axes
 from pec.experiments.grid import cell_code, read_cells
-from pec.experiments.svg_chart import chart
 from pec.statistics import wilson_interval
 from pec.training.config import flat_settings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Row", "order_name", "protocol_name", "read_rows", "write_table"]
 
@@ -112,7 +116,7 @@ def read_rows(folder: str | os.PathLike[str]) -> list[Row]:
 
 
 def write_table(folder: str | os.PathLike[str], title: str, published: Sequence[Mapping[str, Any]]) -> str:
-    """Write FOLDER/table.md, table.csv, results.json and the plots; returns the markdown.
+    """Write FOLDER/table.md, table.csv, results.json and the plots (SVG and PNG); returns the markdown.
 
     published: {points, group, accuracy}, group None for no grouping, accuracy in %: beside the rows of model "pec" in
     the published preprocessing.
@@ -124,8 +128,9 @@ def write_table(folder: str | os.PathLike[str], title: str, published: Sequence[
     _write(folder / "table.md", markdown)
     _write(folder / "table.csv", _csv(rows, figures))
     _write(folder / "results.json", _json({"title": title, "code": cell_code(), "rows": _summaries(rows, figures)}))
-    for name, svg in _plots(rows, figures).items():
-        _write(folder / f"{name}.svg", svg)
+    for name, figure in _plots(rows, figures).items():
+        _write(folder / f"{name}.svg", standalone_svg(figure))
+        _write(folder / f"{name}.png", png(figure))
     return markdown
 
 
@@ -253,7 +258,7 @@ def _summaries(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], flo
     return summaries
 
 
-def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -> dict[str, str]:
+def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -> dict[str, Figure]:
     """Each plot that the rows have something to show in."""
     done = [row for row in rows if row.results]
     means = {id(row): 100 * fmean(row.values("best", "test_accuracy")) for row in done}
@@ -269,7 +274,7 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
             grouped.setdefault(f"dissertation, {points} points", []).append((float(group or points), accuracy))
         series = {name: sorted(points) for name, points in grouped.items()}
         sizes = sorted({x for points in series.values() for x, _ in points})
-        plots["accuracy_by_group_size"] = chart(
+        plots["accuracy_by_group_size"] = points_over_axes(
             series,
             x_label="points in a group; the rightmost of a line: no grouping",
             y_label="test accuracy, %",
@@ -284,7 +289,7 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
         name = f"{row.name}, {others}" if others else row.name
         latencies[name] = [(min(row.values("costs", "raw_cloud_ms")), means[id(row)])]
     if len(latencies) > 1:
-        plots["accuracy_by_latency"] = chart(
+        plots["accuracy_by_latency"] = points_over_axes(
             latencies,
             x_label="ms from a raw cloud to its class, one CPU thread",
             y_label="test accuracy, %",
@@ -299,7 +304,7 @@ def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float])
                 epochs = zip(*(result["curves"][curve] for result in row.results), strict=True)
                 name = f"rate {row.settings['protocol']['learning_rate']:g}, {row.order}"
                 series[name] = [(float(e), factor * fmean(values)) for e, values in enumerate(epochs, 1)]
-            plots[f"learning_curves_{curve}"] = chart(series, x_label="epoch", y_label=label)
+            plots[f"learning_curves_{curve}"] = points_over_axes(series, x_label="epoch", y_label=label)
     return plots
 
 
@@ -336,7 +341,7 @@ def _json(content: Mapping[str, Any]) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, content: str | bytes) -> None:
     temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text)
+    temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     os.replace(temporary, path)

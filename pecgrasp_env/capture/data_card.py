@@ -23,8 +23,9 @@ from PIL import Image
 from grasping.viewer.html import page
 from pec.data.shards import Manifest, Shard, read_manifest, read_shard
 from pec.data.splits import read_splits
+from pec.experiments.chart_files import inline_svg
+from pec.experiments.charts import histogram
 from pecgrasp_env.common.atomic_files import write_whole
-from pecgrasp_env.common.svg_charts import histogram
 
 __all__ = ["CARD_NAME", "write_card"]
 
@@ -141,7 +142,7 @@ def _histograms(manifest: Manifest, shards: Sequence[Shard]) -> str:
         caption = f"Hidden by others: {np.mean(hidden > 0):.1%} of the clouds are, by so much"
         charts.append((caption, hidden[hidden > 0], "%", False))
     figures = "".join(
-        f"<figure><figcaption>{_esc(caption)}</figcaption>{histogram(values, caption, unit, log)}</figure>"
+        f"<figure><figcaption>{_esc(caption)}</figcaption>{inline_svg(histogram(values, unit, log), caption)}</figure>"
         for caption, values, unit, log in charts
         if len(values)
     )

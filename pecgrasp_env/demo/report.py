@@ -19,9 +19,10 @@ from PIL import Image
 from grasping import ROBOTIQ_2F_140, Gripper
 from grasping.viewer.figure import Layer, fragment
 from grasping.viewer.html import page
+from pec.experiments.chart_files import inline_svg
+from pec.experiments.charts import bars, confusion_matrix, curves, number
 from pec.statistics import wilson_interval
 from pecgrasp_env.common.atomic_files import write_whole
-from pecgrasp_env.common.svg_charts import bars, confusion_matrix, curve, number
 from pecgrasp_env.demo.episode_record import EpisodeRecord
 from pecgrasp_env.evaluation.episode import OUTCOME_WORDS
 
@@ -141,11 +142,13 @@ def _film(record: ReportRecord) -> str:
 def _classifier(record: ClassifierRecord | None) -> str:
     if record is None:
         return ""
+    drawn = confusion_matrix(record.confusion, [_name(each) for each in record.classes])
+    matrix = inline_svg(drawn, "confusion matrix of the classifier")
     charts = [
         f"<figure><figcaption>True class by row, prediction by column; training saw none of these clouds.</figcaption>"
-        f"{confusion_matrix(record.confusion, [_name(each) for each in record.classes])}</figure>"
+        f"{matrix}</figure>"
     ]
-    line = curve({name: list(values) for name, values in record.curves.items()}, "accuracy over epochs")
+    line = inline_svg(curves(record.curves), "accuracy over epochs")
     if line:
         charts.append(f"<figure><figcaption>Accuracy over the epochs of training.</figcaption>{line}</figure>")
     note = f"<p>{_esc(record.note)}</p>" if record.note else ""
@@ -160,7 +163,7 @@ def _timings(record: ReportRecord) -> str:
     calls = ", ".join(f"{name} {count}" for name, (_, _, count) in times.items())
     return (
         f"<h2>Time of each stage</h2><p>Bars: median; dots: the slowest call. One frame a call, one core. "
-        f"Calls: {_esc(calls)}.</p>{bars(rows, 'ms', 'time of each stage')}"
+        f"Calls: {_esc(calls)}.</p>{inline_svg(bars(rows, 'ms'), 'time of each stage')}"
     )
 
 

@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 
 from grasping.viewer.html import page
+from pec.experiments.chart_files import inline_svg
+from pec.experiments.charts import bars
 from pec.statistics import wilson_interval
-from pecgrasp_env.common.svg_charts import bars
 from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation.failure_images import KINDS
 from pecgrasp_env.evaluation.grid import Cell
@@ -157,9 +158,8 @@ def _times(evaluation: Evaluation) -> str:
     for planner in evaluation.planners:
         episodes = evaluation.episodes(ALL, planner)
         times = summarise(episodes)["stage_ms"] if episodes else {}
-        chart = bars(
-            [(name, t["median"], t["most"]) for name, t in times.items()], "ms", f"time of each stage, {planner}"
-        )
+        drawn = bars([(name, t["median"], t["most"]) for name, t in times.items()], "ms")
+        chart = inline_svg(drawn, f"time of each stage, {planner}")
         if chart:
             charts.append(f"<figure><figcaption>{_name(planner)}</figcaption>{chart}</figure>")
     if not charts:

@@ -6,17 +6,13 @@ import re
 import shutil
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from statistics import fmean, stdev
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pec.experiments.grid import cell_key, read_cells, run_cell
 from pec.experiments.grid_table import write_table
-from pec.experiments.svg_chart import chart
 from pec.statistics import wilson_interval
 
 ROOT = Path(__file__).parents[3]
@@ -163,6 +159,7 @@ def test_plots_are_drawn_where_there_is_something_to_compare(grid):
     names = {path.stem for path in grid.glob("*.svg")}
     curves = {"learning_curves_selection_accuracy", "learning_curves_train_loss"}
     assert names == {"accuracy_by_group_size", "accuracy_by_latency"} | curves
+    assert {path.stem for path in grid.glob("*.png")} == names
     text = (grid / "accuracy_by_group_size.svg").read_text()
     assert "dissertation, 64 points" in text
 
@@ -173,32 +170,6 @@ def test_table_of_another_code_is_empty(grid, tmp_path):
         path.write_text(json.dumps(json.loads(path.read_text()) | {"code": "older"}))
     assert read_cells(folder) == []
     assert "pec" not in write_table(folder, "A title", []).replace("A title", "").splitlines()[4]
-
-
-NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
-
-
-@given(
-    st.dictionaries(
-        st.text(min_size=1, max_size=8, alphabet="ab<&µ"),
-        st.lists(st.tuples(st.floats(1e-3, 1e5), NUMBERS), min_size=1, max_size=5),
-        min_size=1,
-        max_size=4,
-    ),
-    st.booleans(),
-)
-def test_every_point_lies_inside_its_chart(series, logarithmic):
-    root = ElementTree.fromstring(chart(series, x_label="a < b", y_label="y", logarithmic=logarithmic))
-    circles = root.findall("{http://www.w3.org/2000/svg}circle")
-    assert len(circles) == sum(len(points) for points in series.values())
-    for circle in circles:
-        assert 64 <= float(circle.get("cx")) <= 64 + 420
-        assert 16 - 0.1 <= float(circle.get("cy")) <= 16 + 280 + 0.1
-
-
-def test_chart_of_nothing_is_an_error():
-    with pytest.raises(ValueError, match="at least one finite point"):
-        chart({"a": [(1.0, float("nan"))]}, x_label="x", y_label="y")
 
 
 @pytest.fixture(scope="module")

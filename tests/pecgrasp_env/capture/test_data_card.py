@@ -14,7 +14,6 @@ from pec.data.shards import CloudSample, Manifest, ShardRecord, shard_name, writ
 from pec.data.splits import write_splits
 from pec.errors import DatasetError
 from pecgrasp_env.capture import write_card
-from pecgrasp_env.common.svg_charts import histogram
 
 HOSTILE = "<script>alert(1)</script>"
 
@@ -97,13 +96,3 @@ def test_clouds_without_a_camera_have_no_distance(tmp_path):
     text = write_card(dataset(tmp_path, scenario="surface")).read_text()
     assert "Distance from the camera" not in text
     assert text.count("<img") == 3
-
-
-def test_bars_of_a_histogram_are_the_counts():
-    text = histogram(np.array([1.0, 1, 1, 2, 9]), "a", "m", bins=4)
-    heights = [float(value) for value in re.findall(r'height="([\d.]+)"><title>', text)]
-    assert heights[0] == pytest.approx(heights[3] * 4, rel=0.01)
-    assert heights[1:3] == [0, 0]
-    assert re.findall(r"<title>(.*?)</title>", text)[0] == "1 to 3 m: 4"
-    assert histogram(np.array([]), "a") == ""
-    assert "<rect" in histogram(np.array([5.0, 5.0]), "a", log=True)

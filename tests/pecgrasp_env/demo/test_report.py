@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from grasping.grasp import Grasp, GraspPlan, RegionReport
-from pecgrasp_env.common.svg_charts import bars, confusion_matrix, curve
 from pecgrasp_env.demo.episode_record import ClassifiedObject, EpisodeRecord, load_record, save_record
 from pecgrasp_env.demo.report import ClassifierRecord, ReportRecord, render, stage_times, write_report
 from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
@@ -128,21 +126,6 @@ def test_a_report_replaces_the_older_one_and_leaves_nothing_else(tmp_path: Path)
     write_report(path, report(episode()))
     assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
-
-
-def test_charts_place_what_they_are_given(outline) -> None:
-    matrix = confusion_matrix(np.array([[3, 1], [0, 0]]), ["a", "b"])
-    assert "a taken for b: 1 of 4" in matrix
-    assert "75.0 %" in matrix
-    assert "–" in matrix  # no cloud of class b, so no share
-    drawn = bars([("x", 2, 3), ("y", 20, 30)], "ms", "t")
-    widths = [float(width) for width in re.findall(r'class="bar" [^>]*width="([\d.]+)"', drawn)]
-    decade = [float(x) for x in re.findall(r'class="grid" x1="([\d.]+)"', drawn)]
-    assert widths[1] - widths[0] == pytest.approx(decade[1] - decade[0], abs=0.2)  # ten times longer: one decade
-    points = re.search(r'points="([^"]+)"', curve({"training": [0.0, 1.0]}, "t"))[1].split()
-    assert len(points) == 2
-    assert curve({}, "t") == ""
-    assert bars([], "ms", "t") == ""
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1000, False), (360, True)])
