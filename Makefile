@@ -1,11 +1,18 @@
 # Two commands do everything, set-up included: `make demo` and `make test`.
-.PHONY: demo test setup lint benchmark clean
+# One worker a core, each given whole files, so that a file's fixtures are made once and its order holds.
+PYTEST := .venv/bin/python -m pytest --numprocesses logical --maxprocesses 8 --dist loadfile
+
+.PHONY: demo test test-slow setup lint benchmark clean
 
 demo: setup
 	.venv/bin/pecgrasp demo
 
 test: setup lint
-	.venv/bin/python -m pytest
+	$(PYTEST)
+
+# What takes minutes a test: whole data sets, grids and evaluations. MINUTES=20 begins none after 20 minutes.
+test-slow: setup
+	$(PYTEST) -m slow --dist load --minutes $(or $(MINUTES),inf)
 
 lint: setup
 	.venv/bin/ruff check .

@@ -1,13 +1,15 @@
-"""For all tests: no deadlines, and ways to look at HTML as a parser sees it, and as a real browser does."""
+"""For all tests: one core each, no deadlines, and ways to look at HTML as a parser and as a real browser sees it."""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import select
 import shutil
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,9 +18,30 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+# Tests run side by side, so Mesa's driver, torch and BLAS keep to one core each. A choice made outside stays.
+for _threads in ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+
 # A busy machine is no failure: nothing here is a timed test.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+_ENDS = pytest.StashKey[float]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    words = "begin no test after so many minutes: those left are skipped, each by its name"
+    parser.addoption("--minutes", type=float, default=math.inf, help=words)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_ENDS] = time.monotonic() + 60 * config.getoption("minutes")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if time.monotonic() >= item.config.stash[_ENDS]:
+        pytest.skip(f"no time left for {item.name}")
+
 
 _VOID = {"meta", "link", "img", "input", "br", "rect", "line", "circle", "polyline"}
 
