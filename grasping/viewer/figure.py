@@ -1,13 +1,12 @@
 """An interactive picture of clouds, regions and grasps, as HTML that needs nothing but a browser.
 
 `fragment(...)` is one figure: drag to turn, wheel or pinch to zoom, point at something to read what it is, step
-through the grasps. A page holds any number of figures and one copy of `assets()`; `page(title, body)` writes such a
-page. Nothing is fetched from anywhere, so the file can be mailed, archived and opened offline.
+through the grasps. `grasping.viewer.html.page(title, body)` writes a page that holds any number of figures. Nothing is
+fetched from anywhere, so the file can be mailed, archived and opened offline.
 """
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -28,7 +27,7 @@ from grasping.viewer.encoding import (
     unit_up,
 )
 from grasping.viewer.gripper_mesh import gripper_parts
-from grasping.viewer.html import script_json
+from grasping.viewer.html import templates
 
 _REGIONS = "Regions"
 _PALETTE = ("2f7ed8", "e08a1e", "1fa187", "c2549d", "8a6fd1", "6b8e23", "d1603d", "4aa3a2")
@@ -73,7 +72,7 @@ def fragment(
     up: Sequence[float] | np.ndarray | None = None,
     max_points: int = 20_000,
 ) -> str:
-    """One figure as HTML, to be placed in a page that has `assets()` in its head.
+    """One figure as HTML, to be placed in the body of a `page`.
 
     plan: its regions are coloured by score and its candidates, best first, carry the gripper drawn to scale.
     cloud: (N, 3) metres, the surroundings, drawn in grey; rows with NaN are left out. layers: labelled clouds, such
@@ -129,63 +128,34 @@ def fragment(
         "target": rounded(target),
         "radius": round(radius, 5),
     }
-    return _figure(data, groups, plan)
+    legends = {group: _legend(group, entries, plan) for group in groups}
+    return templates("grasping.viewer").get_template("figure.html").render(data=data, legends=legends)
 
 
-def _figure(data: dict[str, Any], groups: list[str], plan: GraspPlan | None) -> str:
-    bar, legends = [], []
-    if len(groups) > 1:
-        buttons = "".join(
-            f'<button type="button" data-group="{html.escape(group)}" aria-pressed="{str(k == 0).lower()}">'
-            f"{html.escape(group)}</button>"
-            for k, group in enumerate(groups)
-        )
-        bar.append(f'<span class="pgv-groups">{buttons}</span>')
-    grasps = data["grasps"]
-    if grasps:
-        bar.append('<label class="pgv-gripper"><input type="checkbox" checked> gripper</label>')
-        first = html.escape(f"1 of {len(grasps)}: {' · '.join(grasps[0]['text'])}")
-        slider = f'<input type="range" min="0" max="{len(grasps) - 1}" value="0" step="1" aria-label="grasp">'
-        bar.append(f'<span class="pgv-steps">{slider if len(grasps) > 1 else ""}<output>{first}</output></span>')
-    for k, group in enumerate(groups):
-        entries = data["layers"]
-        if group == _REGIONS and plan is not None:
-            items = _score_legend(plan, entries)
-        else:
-            items = _label_legend(entries, group)
-        hidden = "" if k == 0 else " hidden"
-        legends.append(f'<div class="pgv-legend" data-legend="{html.escape(group)}"{hidden}>{items}</div>')
-    return (
-        f'<figure class="pgv">\n<div class="pgv-stage"><canvas width="0" height="0" tabindex="0" role="img" '
-        f'aria-label="point cloud; drag or use the arrow keys to turn, wheel or plus and minus to zoom">'
-        f'</canvas><div class="pgv-tip" hidden></div><div class="pgv-ruler"></div>'
-        f'<button type="button" class="pgv-reset" title="back to the first view">reset</button></div>\n'
-        f'<div class="pgv-bar">{"".join(bar)}</div>\n{"".join(legends)}\n'
-        f'<script type="application/json">{script_json(data)}</script>\n</figure>'
-    )
+class _LegendItem(NamedTuple):
+    """A CSS colour, or a ramp of them, and the words on its sides."""
+
+    colour: str
+    before: str = ""
+    after: str = ""
+    ramp: bool = False
 
 
-def _label_legend(entries: list[dict[str, Any]], group: str) -> str:
-    return "".join(
-        f'<span><i style="background:rgb{tuple(entry["rgb"])}"></i>{html.escape(entry["legend"])}</span>'
-        for entry in entries
-        if entry["group"] == group
-    )
-
-
-def _score_legend(plan: GraspPlan, entries: list[dict[str, Any]]) -> str:
+def _legend(group: str, entries: list[dict[str, Any]], plan: GraspPlan | None) -> list[_LegendItem]:
+    """A plan's regions are explained by their scores, whatever else there is by its label."""
+    if group != _REGIONS or plan is None:
+        mine = [entry for entry in entries if entry["group"] == group]
+        return [_LegendItem(f"rgb{tuple(entry['rgb'])}", after=entry["legend"]) for entry in mine]
     scores = [grasp.score for grasp in plan.candidates]
     items = []
     if len(scores) > 1:
         ramp = f"linear-gradient(90deg,rgb{_WORST_RGB},rgb{_BEST_RGB})"
-        items.append(
-            f'<span>score {scores[-1]:.3g} <i class="ramp" style="background:{ramp}"></i>{scores[0]:.3g}</span>'
-        )
+        items.append(_LegendItem(ramp, f"score {scores[-1]:.3g} ", f"{scores[0]:.3g}", ramp=True))
     elif scores:
-        items.append(f'<span><i style="background:rgb{_BEST_RGB}"></i>candidate</span>')
+        items.append(_LegendItem(f"rgb{_BEST_RGB}", after="candidate"))
     if any(entry["group"] == _REGIONS and entry["rgb"] == list(_REJECTED_RGB) for entry in entries):
-        items.append(f'<span><i style="background:rgb{_REJECTED_RGB}"></i>not grasped</span>')
-    return "".join(items)
+        items.append(_LegendItem(f"rgb{_REJECTED_RGB}", after="not grasped"))
+    return items
 
 
 def _region_entry(plan: GraspPlan, index: int) -> dict[str, Any]:

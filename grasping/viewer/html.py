@@ -1,38 +1,39 @@
-"""The shell of a page with figures: one HTML file that loads nothing from elsewhere."""
+"""The shell of a page with figures, one HTML file that loads nothing from elsewhere, and the templates of its parts.
+
+Jinja2 is imported where a page is written, not with this module.
+"""
 
 from __future__ import annotations
 
-import html
-import json
+from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
-def assets() -> str:
-    """The style and the script that all figures of a page share: once, in its head."""
-    here = files("grasping.viewer") / "static"
-    styles = "\n".join((here / name).read_text(encoding="utf-8") for name in ("page.css", "viewer.css"))
-    scripts = "\n".join((here / name).read_text(encoding="utf-8") for name in ("raster.js", "viewer.js"))
-    return f"<style>\n{styles}</style>\n<script>\n{scripts}</script>"
+@cache
+def templates(*packages: str) -> Environment:
+    """The templates in the folders `templates` of `packages`, the first that has a name; what they print is escaped.
+
+    Filters: `words` writes a name with spaces for underscores, `tojson` JSON that may stand inside a <script>.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    loader = ChoiceLoader([PackageLoader(package, "templates") for package in packages])
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["words"] = lambda name: str(name).replace("_", " ")
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
+    return environment
 
 
 def page(title: str, body: str, *, style: str = "") -> str:
     """A whole self-contained HTML document. title: plain text; body: HTML; style: further CSS."""
-    extra = f"<style>\n{style}</style>" if style else ""
-    # The policy makes the browser itself refuse whatever is not in the file or beside it.
-    policy = (
-        "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
-        "img-src data:; media-src 'self' file:"
-    )
-    return (
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        f'<link rel="icon" href="data:,">\n<title>{html.escape(title)}</title>\n{assets()}\n{extra}\n</head>\n'
-        f"<body>\n{body}\n</body>\n</html>\n"
-    )
-
-
-def script_json(data: object) -> str:
-    """JSON that may stand inside a <script>: no character of it can end the element."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    here = files("grasping.viewer") / "static"
+    styles = "\n".join((here / name).read_text(encoding="utf-8") for name in ("page.css", "viewer.css"))
+    scripts = "\n".join((here / name).read_text(encoding="utf-8") for name in ("raster.js", "viewer.js"))
+    shell = templates("grasping.viewer").get_template("page.html")
+    return shell.render(title=title, body=body, styles=styles, scripts=scripts, style=style)

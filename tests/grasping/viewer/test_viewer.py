@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +57,11 @@ def two_region_plan() -> GraspPlan:
 
 def data_of(outline, html: str) -> dict:
     return json.loads(outline(page("t", html)).data[0])
+
+
+def test_planning_does_not_load_what_writes_pages() -> None:
+    command = "import sys, grasping; sys.exit(bool({'jinja2', 'scipy', 'matplotlib'} & set(sys.modules)))"
+    subprocess.run([sys.executable, "-c", command], check=True)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 400), st.floats(1e-3, 50))
