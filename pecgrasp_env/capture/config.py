@@ -9,14 +9,13 @@ from typing import Any
 
 from pecgrasp_env.objects import LARS_CLASSES
 from pecgrasp_env.objects.ycb import LOOK_ALIKES
+from pecgrasp_env.policy.viewpoints import N_VIEWPOINTS
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, SensorError, SensorMode, intrinsics_of
 
 __all__ = ["SCENARIOS", "CaptureConfig", "CaptureError", "ObjectsConfig", "TabletopConfig"]
 
 SCENARIOS = ("free", "tabletop", "surface")
 SOURCES = ("catalogue", "folder", "ycb", "modelnet10")
-POLICY_VIEWS = 4
-"""Postures from which the policy looks."""
 
 
 class CaptureError(ValueError):
@@ -196,7 +195,7 @@ class CaptureConfig:
         known = list(zip(self.resolutions, map(asdict, self.intrinsics), strict=True))
         if self.scenario == "free":
             return [{"name": name, **camera} for name, camera in known]
-        views = range(1, POLICY_VIEWS + 1)
+        views = range(1, N_VIEWPOINTS + 1)
         return [{"name": f"{name}, the policy's view {view}", **camera} for name, camera in known for view in views]
 
     @property

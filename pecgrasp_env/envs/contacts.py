@@ -12,11 +12,9 @@ import numpy as np
 import torch
 from mani_skill.utils.structs.actor import Actor
 
-from pecgrasp_env.robot import UR5Robotiq2F140
 from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.robot.agent import UR5Robotiq2F140
 
-_MIN_FORCE_N = 0.5
-_MIN_COS = float(np.cos(np.radians(85)))  # of the angle between a pad's force and the closing axis
 FORCE_RANGE_N = 250.0  # twice what the gripper can squeeze with; knocks beyond it read as this
 
 
@@ -59,23 +57,9 @@ def pads_centre(agent: UR5Robotiq2F140) -> torch.Tensor:
     return (left.p + right.p) / 2 + linkage.PAD_CENTRE_Z * approach
 
 
-def outward(agent: UR5Robotiq2F140) -> torch.Tensor:
-    """Unit vector (num_envs, 2, 3), world frame, in which an object between the pads presses on each pad."""
-    closing = agent.left_finger.pose.to_transformation_matrix()[..., :3, 1]  # the left finger is on -y
-    return torch.stack([-closing, closing], dim=1)
-
-
-def held_objects(forces: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
-    """Which objects both pads press on, (num_envs, n_objects) bool, as `UR5Robotiq2F140.is_grasping` sees it.
-
-    forces: of `pad_forces`. directions: of `outward`. A pad presses with at least 0.5 N within 85° of the closing axis.
-    """
-    by_object = forces[:, :, :-1]
-    size = torch.linalg.norm(by_object, dim=3)
-    along = (by_object * directions[:, :, None]).sum(dim=3)
-    return ((size >= _MIN_FORCE_N) & (along >= _MIN_COS * size)).all(dim=1)
-
-
 def squeeze(forces: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
-    """Grip force (num_envs,) N: the mean of both pads' force along the closing axis, 0 … FORCE_RANGE_N."""
+    """Grip force (num_envs,) N: the mean of both pads' force along the closing axis, 0 … FORCE_RANGE_N.
+
+    forces: of `pad_forces`. directions: of `pecgrasp_env.robot.pad_contact.outward`.
+    """
     return (forces[:, :, -1] * directions).sum(dim=2).mean(dim=1).clamp(0.0, FORCE_RANGE_N)

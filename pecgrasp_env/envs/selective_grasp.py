@@ -23,13 +23,14 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 from pecgrasp_env.envs import reward
 from pecgrasp_env.envs import task_state as outcome
 from pecgrasp_env.envs.cloud_observation import sample_cloud
-from pecgrasp_env.envs.contacts import held_objects, outward, pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
 from pecgrasp_env.envs.lazy_images import Pictures
 from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
 from pecgrasp_env.envs.validation import TaskError, check_scene, check_sensing
 from pecgrasp_env.objects import LARS_CLASSES, open_objects
-from pecgrasp_env.robot import UR5Robotiq2F140
+from pecgrasp_env.robot.agent import UR5Robotiq2F140
+from pecgrasp_env.robot.pad_contact import both_press, outward
 from pecgrasp_env.scene import table as workbench
 from pecgrasp_env.scene.actors import Recipe, SceneObjects
 from pecgrasp_env.scene.clutter import lay_out
@@ -340,9 +341,9 @@ class SelectiveGraspEnv(BaseEnv):
         poses = self.table.poses()
         positions = poses[..., :3]
         air = outcome.air_below(poses, self.table.hull_vertices)
-        directions = outward(self.agent)
+        directions = outward(self.agent.left_finger)
         forces = pad_forces(self.agent, self.objects)
-        held = held_objects(forces, directions)
+        held = both_press(forces[:, :, :-1], directions)
         distances = torch.linalg.norm(positions - pads_centre(self.agent)[:, None], dim=2)
         nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
         self._nearest = nearest.indices

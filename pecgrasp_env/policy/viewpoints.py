@@ -14,6 +14,7 @@ from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA
 _TARGET = (0.50, 0.0, 0.02)
 _HEIGHT = 0.42  # m of the camera above the table where one object is looked at from straight above
 _EYES = ((0.50, 0.0, 0.55), (0.38, 0.18, 0.48), (0.38, -0.18, 0.48), (0.30, 0.0, 0.45))
+N_VIEWPOINTS = len(_EYES)
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> np.ndarray:

@@ -25,7 +25,6 @@ from mani_skill.agents.controllers import (
 )
 from mani_skill.agents.registration import register_agent
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils import common
 from mani_skill.utils.structs import Actor, Link, Pose
 
 from pecgrasp_env.robot import gripper_linkage as linkage
@@ -33,8 +32,9 @@ from pecgrasp_env.robot.description import ARM_JOINTS, CRANK_JOINTS, FINGER_JOIN
 from pecgrasp_env.robot.gripper_controller import GripperControllerConfig, opening_of
 from pecgrasp_env.robot.inner_knuckles import InnerKnuckles
 from pecgrasp_env.robot.kinematics import HOME
+from pecgrasp_env.robot.pad_contact import MAX_ANGLE_DEG, MIN_FORCE_N, both_press, outward
 from pecgrasp_env.robot.urdf import robot_urdf
-from pecgrasp_env.sensor import D435
+from pecgrasp_env.sensor.intrinsics import D435
 
 # SAPIEN's cameras look along +x with +z up; this turns that into an OpenCV optical frame (z forward, y down).
 _CAMERA_FROM_OPENCV = sapien.Pose(q=[0.5, -0.5, 0.5, -0.5]).inv()
@@ -206,22 +206,22 @@ class UR5Robotiq2F140(BaseAgent):
         right = self.right_finger.pose * sapien.Pose([0, -y, z])
         return Pose.create_from_pq((left.p + right.p) / 2, self.tcp.pose.q)
 
-    def is_grasping(self, object: Actor | None = None, min_force: float = 0.5, max_angle: float = 85) -> torch.Tensor:
+    def is_grasping(
+        self, object: Actor | None = None, min_force: float = MIN_FORCE_N, max_angle: float = MAX_ANGLE_DEG
+    ) -> torch.Tensor:
         """Whether both pads press on `object` (None: on anything), (num_envs,) bool.
 
         A pad presses where the contact force on it is at least `min_force` (N) and points outwards, within `max_angle`
         (degrees) of the closing axis.
         """
-        outward = self.left_finger.pose.to_transformation_matrix()[..., :3, 1]  # the left finger is on -y
-        held = torch.ones(self.scene.num_envs, dtype=torch.bool, device=self.device)
-        for finger, sign in ((self.left_finger, -1.0), (self.right_finger, 1.0)):
-            if object is None:
-                force = finger.get_net_contact_forces()
-            else:
-                force = self.scene.get_pairwise_contact_forces(finger, object)
-            angle = torch.rad2deg(common.compute_angle_between(sign * outward, force))
-            held &= (torch.linalg.norm(force, dim=1) >= min_force) & (angle <= max_angle)
-        return held
+        forces = [
+            finger.get_net_contact_forces()
+            if object is None
+            else self.scene.get_pairwise_contact_forces(finger, object)
+            for finger in (self.left_finger, self.right_finger)
+        ]
+        pressed = both_press(torch.stack(forces, dim=1)[:, :, None], outward(self.left_finger), min_force, max_angle)
+        return pressed[:, 0]
 
     def is_static(self, threshold: float = 0.2) -> torch.Tensor:
         """Whether no arm joint moved faster than `threshold` (rad/s) over the last control step, (num_envs,) bool."""

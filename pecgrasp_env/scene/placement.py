@@ -14,9 +14,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from pecgrasp_env.objects import ObjectModel
-from pecgrasp_env.scene.settling import SPACING_M, settle
+from pecgrasp_env.scene.settling import drop
 
-_DROP_HEIGHT_M = 0.02
 _DROPS = 10
 _PLACES = 60
 _LAYOUTS = 40
@@ -77,13 +76,9 @@ def drop_each(models: Sequence[ObjectModel], rng: np.random.Generator) -> np.nda
     result = np.zeros((len(models), 7))
     pending = list(range(len(models)))
     for _ in range(_DROPS):
-        poses = np.zeros((len(pending), 7))
-        for row, index in enumerate(pending):
-            rotation = Rotation.from_quat(rng.normal(size=4))  # normalised there: uniform over all orientations
-            lowest = min(rotation.apply(hull)[:, 2].min() for hull in models[index].hulls)
-            poses[row, :3] = (row * SPACING_M, 0.0, _DROP_HEIGHT_M - lowest)
-            poses[row, 3:] = np.roll(rotation.as_quat(), 1)
-        ends, at_rest = settle([models[index] for index in pending], poses)
+        # Normalised there: uniform over all orientations.
+        orientations = Rotation.from_quat(rng.normal(size=(len(pending), 4)))
+        ends, at_rest = drop([models[index] for index in pending], orientations)
         for row, index in enumerate(pending):
             result[index, 2:] = ends[row, 2:]
         pending = [index for row, index in enumerate(pending) if not at_rest[row]]

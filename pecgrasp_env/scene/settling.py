@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 import sapien
 from sapien import physx
+from scipy.spatial.transform import Rotation
 
 from pecgrasp_env.objects import ObjectModel
 
@@ -21,6 +22,7 @@ SPACING_M = 1.0  # between objects that shall not meet
 # apart two, before anything has touched them. Below 30 mm its persistent manifolds have to be off, too.
 CONTACT_OFFSET_M = 0.005
 
+_DROP_HEIGHT_M = 0.02
 _STEP_S = 0.01
 _LONGEST_FALL_S = 4.0
 _REST_WINDOW_S = 0.2
@@ -67,6 +69,24 @@ def _task_physics(near: bool = False) -> Iterator[physx.PhysxMaterial]:
         physx.set_body_config(*iterations)
         physx.set_shape_config(*offsets)
         physx.set_scene_config(**switches)
+
+
+def drop(models: Sequence[ObjectModel], orientations: Rotation) -> tuple[np.ndarray, np.ndarray]:
+    """Drop objects side by side, each alone, on the plane z = 0 and wait until they rest.
+
+    Args:
+        models: k objects.
+        orientations: k, in which they start to fall.
+
+    Returns:
+        As `settle`; the objects lie along the x axis.
+    """
+    starts = np.zeros((len(models), 7))
+    for row, (model, orientation) in enumerate(zip(models, orientations, strict=True)):
+        lowest = min(orientation.apply(hull)[:, 2].min() for hull in model.hulls)
+        starts[row, :3] = (row * SPACING_M, 0.0, _DROP_HEIGHT_M - lowest)
+        starts[row, 3:] = np.roll(orientation.as_quat(), 1)
+    return settle(models, starts)
 
 
 def settle(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from grasping import ROBOTIQ_2F_140, CloudError, Segmenter
 from pec.data.shards import CloudSample
@@ -34,15 +35,14 @@ from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.perception import segment_frame
 from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
-from pecgrasp_env.scene.placement import REGION, PlacementError, arrange, settle
+from pecgrasp_env.scene.placement import REGION, PlacementError, arrange
+from pecgrasp_env.scene.settling import drop
 
 if TYPE_CHECKING:
     from pecgrasp_env.sensor import CameraIntrinsics
 
 __all__ = ["TabletopScenario", "resting_poses"]
 
-_DROP_HEIGHT = 0.02
-_SPACING = 1.0
 _MOST_FRAMES = 200
 """Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
 _LARGEST = 0.45
@@ -57,12 +57,8 @@ def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
     left out. x and y are 0. Raises CaptureError where none comes to rest.
     """
     rng = np.random.default_rng(sample_seed(seed, model.class_name, model.instance, -1 % 2**32))
-    corners = np.concatenate(model.hulls)
-    starts = np.zeros((drops, 7))
-    for row, quaternion in enumerate(rng.standard_normal((drops, 4))):
-        lowest = (corners @ rotation_matrix(quaternion).T)[:, 2].min()
-        starts[row] = row * _SPACING, 0.0, _DROP_HEIGHT - lowest, *(quaternion / np.linalg.norm(quaternion))
-    ends, at_rest = settle([model] * drops, starts)
+    quaternions = rng.standard_normal((drops, 4))  # w, x, y, z; SciPy wants w last
+    ends, at_rest = drop([model] * drops, Rotation.from_quat(np.roll(quaternions, -1, axis=1)))
     if not at_rest.any():
         raise CaptureError(f"none of {drops} drops came to rest on the table")
     poses = ends[at_rest]

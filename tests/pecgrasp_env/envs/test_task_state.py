@@ -13,13 +13,14 @@ from sapien.render import RenderDirectionalLightComponent
 
 import pecgrasp_env  # noqa: F401  (registers the task)
 from pecgrasp_env.envs.cloud_observation import CLOUD_HIGH, CLOUD_LOW, sample_cloud
-from pecgrasp_env.envs.contacts import FORCE_RANGE_N, held_objects, outward, pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.contacts import FORCE_RANGE_N, pad_forces, pads_centre, squeeze
 from pecgrasp_env.envs.reward import potential, reward
 from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
 from pecgrasp_env.envs.task_state import LIFT_HEIGHT, Memory
 from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.robot import UR5Robotiq2F140
+from pecgrasp_env.robot.pad_contact import both_press, outward
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)
 HOME = np.array([*UR5Robotiq2F140.keyframes["home"].qpos[:6], 0.14, 60.0], np.float32)
@@ -185,15 +186,15 @@ def test_forces_of_one_walk_are_those_of_many_queries(env):
     held = []
     for _ in range(12):
         *_, info = env.step(closed)
-        fast = pad_forces(task.agent, task.objects)
+        fast, directions = pad_forces(task.agent, task.objects), outward(task.agent.left_finger)
         for side, finger in enumerate((task.agent.left_finger, task.agent.right_finger)):
             slow = [task.scene.get_pairwise_contact_forces(finger, other) for other in task.objects]
             assert torch.allclose(fast[:, side, :-1], torch.stack(slow, dim=1), atol=1e-3)
             assert torch.allclose(fast[:, side, -1], finger.get_net_contact_forces(), atol=1e-3)
         reference = torch.stack([task.agent.is_grasping(other) for other in task.objects], dim=1)
-        assert torch.equal(held_objects(fast, outward(task.agent)), reference)
+        assert torch.equal(both_press(fast[:, :, :-1], directions), reference)
         assert torch.allclose(pads_centre(task.agent), task.agent.pads_pose.p, atol=1e-4)
-        assert 0 <= float(squeeze(fast, outward(task.agent))) <= FORCE_RANGE_N
+        assert 0 <= float(squeeze(fast, directions)) <= FORCE_RANGE_N
         held.append(bool(info["target_held"]))
     assert any(held)
 
