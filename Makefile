@@ -2,7 +2,7 @@
 # One worker a core, each given whole files, so that a file's fixtures are made once and its order holds.
 PYTEST := .venv/bin/python -m pytest --numprocesses logical --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test test-slow setup lint benchmark clean
+.PHONY: demo test test-slow setup lint docs benchmark clean
 
 demo: setup
 	.venv/bin/pecgrasp demo
@@ -19,6 +19,9 @@ lint: setup
 	.venv/bin/ruff format --check .
 	.venv/bin/python -m mypy
 
+docs: setup
+	.venv/bin/mkdocs build --strict
+
 benchmark: setup
 	.venv/bin/pecgrasp benchmark
 
@@ -26,4 +29,4 @@ setup:
 	@bash scripts/setup.sh
 
 clean:
-	rm -rf .venv demo_output outputs multirun
+	rm -rf .venv demo_output outputs multirun site
