@@ -26,7 +26,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from pec.errors import CheckpointError, ConfigError
-from pec.networks.registry import MODELS, build_model
+from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
 
 __all__ = ["Checkpoint", "TrainingState", "read_checkpoint", "read_training_state", "write_checkpoint"]
@@ -44,7 +44,7 @@ class Checkpoint:
     temperature: float
     epoch: int
     network: str = "pec"
-    """Its name in `pec.networks.registry.MODELS`."""
+    """Its name, as `pec.networks.registry.build_model` takes it."""
     unknown_below: float = 0.0
     """Confidence below which an object is of no known class; 0: everything is of one."""
 
@@ -100,10 +100,9 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
     config = _read_json(directory / "config.json")
     try:
         network = config["network"]
-        if config["format"] != FORMAT or network not in MODELS:
+        if config["format"] != FORMAT:
             raise CheckpointError(
-                f"{directory}/config.json: format {config['format']} of network {network!r}, "
-                f"this package reads format {FORMAT} of {', '.join(MODELS)}"
+                f"{directory}/config.json: format {config['format']}, this package reads format {FORMAT}"
             )
         preprocess = Preprocess(**config["preprocess"])
         classes = [str(name) for name in config["classes"]]
@@ -111,7 +110,10 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         unknown_below = float(config.get("unknown_below", 0.0))  # older checkpoints have none
     except (KeyError, TypeError, ConfigError) as error:
         raise CheckpointError(f"{directory}/config.json is not a checkpoint's: {error!r}") from error
-    model = build_model(network, preprocess.n_points, len(classes))
+    try:
+        model = build_model(network, preprocess.n_points, len(classes))
+    except ConfigError as error:
+        raise CheckpointError(f"{directory}/config.json: {error}") from error
     tensors = _read_tensors(directory / "model.safetensors")
     try:
         model.load_state_dict(tensors)

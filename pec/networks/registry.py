@@ -1,19 +1,21 @@
-"""The classifiers by the names that `model=` takes."""
+"""The classifiers by the names that `model=` takes, and anyone's own by a dotted name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 
 import torch
 from torch import nn
 
+from pec.errors import ConfigError
 from pec.networks.baselines import DGCNN, NearestNeighbours, PointMLPElite, PointNet, PointNet2, VanillaPointNet
 from pec.networks.fold_batchnorm import fold
 from pec.networks.pec import PEC
 from pec.networks.pec2 import PEC2
 from pec.networks.pec_inference import FusedPEC
 
-__all__ = ["MODELS", "build_model", "fast_forward"]
+__all__ = ["MODELS", "build_model", "check_model", "fast_forward"]
 
 MODELS: dict[str, Callable[[int, int], nn.Module]] = {
     "pec": PEC,
@@ -28,8 +30,34 @@ MODELS: dict[str, Callable[[int, int], nn.Module]] = {
 
 
 def build_model(name: str, n_points: int, n_classes: int) -> nn.Module:
-    """The classifier `name` of MODELS, (B, n_points, 3) → (B, n_classes) logits, with fresh weights."""
-    return MODELS[name](n_points, n_classes)
+    """The classifier `name`, (B, n_points, 3) → (B, n_classes) logits, with fresh weights.
+
+    name: of MODELS, or "module.Class" of an importable nn.Module that is made by Class(n_points, n_classes).
+    Raises ConfigError where there is none.
+    """
+    return _constructor(name)(n_points, n_classes)
+
+
+def check_model(name: str) -> None:
+    """Raises ConfigError where `name` is no classifier, neither of MODELS nor "module.Class"."""
+    _constructor(name)
+
+
+def _constructor(name: str) -> Callable[[int, int], nn.Module]:
+    if name in MODELS:
+        return MODELS[name]
+    module_name, _, class_name = name.rpartition(".")
+    if not module_name:
+        raise ConfigError(f"model.name must be one of {', '.join(MODELS)}, or module.Class of your own, got {name!r}")
+    try:
+        found = getattr(import_module(module_name), class_name, None)
+    except ModuleNotFoundError as error:
+        way_out = f"is the folder of {module_name.partition('.')[0]}.py on PYTHONPATH?"
+        raise ConfigError(f"model.name {name!r} cannot be imported: {error}; {way_out}") from error
+    # A name in a checkpoint may come from anyone: only a network's class is ever called.
+    if not (isinstance(found, type) and issubclass(found, nn.Module)):
+        raise ConfigError(f"model.name {name!r}: {module_name} has no subclass of torch.nn.Module of that name")
+    return found
 
 
 def fast_forward(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:

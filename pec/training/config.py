@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 from pec.data.augment import Augment
 from pec.data.dataset import SIZES
 from pec.errors import ConfigError
-from pec.networks.registry import MODELS
+from pec.networks.registry import check_model
 from pec.preprocessing.preprocess import Preprocess
 
 __all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "flat_settings", "read_config"]
@@ -36,7 +36,7 @@ class DatasetConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """name: of `pec.networks.registry.MODELS`."""
+    """name: of `pec.networks.registry.MODELS`, or "module.Class" of an importable network of one's own."""
 
     name: str = "pec"
 
@@ -100,7 +100,7 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     _one_of("protocol.precision", protocol.precision, ("float32", "bfloat16"))
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
     _one_of("dataset.size", dataset.size, SIZES)
-    _one_of("model.name", config.model.name, tuple(MODELS))
+    check_model(config.model.name)
     _one_of("device", config.device, ("auto", "cpu", "cuda"))
     for name, value in (
         ("protocol.epochs", protocol.epochs),

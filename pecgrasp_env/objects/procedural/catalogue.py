@@ -1,10 +1,15 @@
-"""The procedural catalogue: a class is a family of shapes, an instance is a draw from it by seed."""
+"""The procedural catalogue: a class is a family of shapes, an instance is a draw from it by seed.
+
+A class of one's own goes by its dotted name: "my_objects.torus" is the function `torus` of an importable module
+my_objects.py, which draws as the generators here do, `np.random.Generator` → `Draft`.
+"""
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from importlib import import_module
 
 import numpy as np
 
@@ -48,13 +53,28 @@ def make_object(class_name: str, seed: int) -> ObjectModel:
 
     Raises ObjectError for a class that the catalogue does not have.
     """
-    generator = _GENERATORS.get(class_name)
-    if generator is None:
-        raise ObjectError(f"unknown object class {class_name!r}; the catalogue has {', '.join(CLASSES)}")
+    generator = _generator(class_name)
     if seed < 0:
         raise ObjectError(f"seed of a {class_name} must not be negative, got {seed}")
     pieces, mass = generator(np.random.default_rng([zlib.crc32(class_name.encode()), seed]))
     return assemble(class_name, f"{class_name}_{seed:04d}", pieces, mass)
+
+
+def _generator(class_name: str) -> Callable[[np.random.Generator], Draft]:
+    if class_name in _GENERATORS:
+        return _GENERATORS[class_name]
+    module_name, _, function_name = class_name.rpartition(".")
+    if not module_name:
+        has = f"the catalogue has {', '.join(CLASSES)}, and module.function of your own"
+        raise ObjectError(f"unknown object class {class_name!r}; {has}")
+    try:
+        found = getattr(import_module(module_name), function_name, None)
+    except ModuleNotFoundError as error:
+        way_out = f"is the folder of {module_name.partition('.')[0]}.py on PYTHONPATH?"
+        raise ObjectError(f"object class {class_name!r} cannot be imported: {error}; {way_out}") from error
+    if not callable(found):
+        raise ObjectError(f"object class {class_name!r}: {module_name} has no function {function_name}")
+    return found
 
 
 class Catalogue:
@@ -65,9 +85,8 @@ class Catalogue:
     """
 
     def __init__(self, classes: Sequence[str] = CLASSES, instances_per_class: int = 10, seed: int = 0) -> None:
-        unknown = [c for c in classes if c not in _GENERATORS]
-        if unknown:
-            raise ObjectError(f"unknown object class {unknown[0]!r}; the catalogue has {', '.join(CLASSES)}")
+        for class_name in classes:
+            _generator(class_name)
         if not classes or len(set(classes)) != len(classes):
             raise ObjectError(f"classes must be named once each and at least one, got {list(classes)}")
         if instances_per_class < 1 or seed < 0:
