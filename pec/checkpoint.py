@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -25,6 +24,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
+from pec.common.atomic_files import current_directory, replacing_directory
 from pec.errors import CheckpointError, ConfigError
 from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
@@ -61,11 +61,6 @@ def write_checkpoint(
     directory: str | os.PathLike[str], checkpoint: Checkpoint, state: TrainingState | None = None
 ) -> None:
     """Write `directory` atomically: a reader finds the old checkpoint or the new one."""
-    directory = Path(directory)
-    temporary, old = _siblings(directory)
-    _recover(directory)
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
     config = {
         "format": FORMAT,
         "network": checkpoint.network,
@@ -77,18 +72,14 @@ def write_checkpoint(
         "epoch": checkpoint.epoch,
         "versions": _versions(),
     }
-    (temporary / "config.json").write_text(json.dumps(config, indent=1) + "\n")
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.model.state_dict().items()}
-    save_file(tensors, temporary / "model.safetensors")
-    if state is not None:
-        (temporary / "training_state").mkdir()
-        save_file(state.optimizer, temporary / "training_state" / "optimizer.safetensors")
-        (temporary / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")
-    # A directory cannot be replaced in one step: between these two renames `old` stands in, see `_present`.
-    if directory.exists():
-        os.rename(directory, old)
-    os.rename(temporary, directory)
-    shutil.rmtree(old, ignore_errors=True)
+    with replacing_directory(directory) as new:
+        (new / "config.json").write_text(json.dumps(config, indent=1) + "\n")
+        save_file(tensors, new / "model.safetensors")
+        if state is not None:
+            (new / "training_state").mkdir()
+            save_file(state.optimizer, new / "training_state" / "optimizer.safetensors")
+            (new / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")
 
 
 def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
@@ -96,7 +87,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
 
     Raises CheckpointError where it is missing, incomplete, of another format, or weights and config disagree.
     """
-    directory = _present(Path(directory))
+    directory = current_directory(directory)
     config = _read_json(directory / "config.json")
     try:
         network = config["network"]
@@ -126,31 +117,13 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
 
 def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | None:
     """The training state of a checkpoint, or None where there is no checkpoint. Raises CheckpointError if broken."""
-    directory = _present(Path(directory))
+    directory = current_directory(directory)
     if not directory.exists():
         return None
     return TrainingState(
         _read_tensors(directory / "training_state" / "optimizer.safetensors"),
         _read_json(directory / "training_state" / "progress.json"),
     )
-
-
-def _siblings(directory: Path) -> tuple[Path, Path]:
-    return directory.with_name(directory.name + ".new.tmp"), directory.with_name(directory.name + ".old.tmp")
-
-
-def _present(directory: Path) -> Path:
-    """Where the checkpoint is to be read: `old` while, or since, a replacement stopped between its two renames."""
-    _, old = _siblings(directory)
-    return old if old.exists() and not directory.exists() else directory
-
-
-def _recover(directory: Path) -> None:
-    """Clear away what a killed replacement left."""
-    _, old = _siblings(directory)
-    if _present(directory) == old:
-        os.rename(old, directory)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

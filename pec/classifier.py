@@ -12,9 +12,9 @@ import numpy as np
 import torch
 
 from pec.checkpoint import Checkpoint, read_checkpoint
+from pec.common.threads import torch_threads
 from pec.errors import CheckpointError, CloudError, ConfigError
 from pec.networks.registry import fast_forward
-from pec.threads import torch_threads
 
 __all__ = ["UNKNOWN", "Classifier", "Prediction"]
 

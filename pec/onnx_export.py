@@ -20,6 +20,7 @@ from pathlib import Path
 import torch
 
 from pec.checkpoint import Checkpoint
+from pec.common.atomic_files import replacing
 from pec.errors import ConfigError
 from pec.networks.baselines import NearestNeighbours
 
@@ -35,29 +36,26 @@ def export_onnx(checkpoint: Checkpoint, path: str | os.PathLike[str]) -> Path:
         raise ConfigError(f"{checkpoint.network} is not a network: there is nothing to export")
     import onnx  # an extra
 
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
     example = 0.05 * torch.randn(2, checkpoint.preprocess.n_points, 3, generator=torch.Generator().manual_seed(0))
-    torch.onnx.export(
-        checkpoint.model.cpu().eval(),
-        (example,),
-        str(temporary),
-        dynamo=True,
-        external_data=False,
-        input_names=["points"],
-        output_names=["logits"],
-        dynamic_shapes=({0: torch.export.Dim("batch")},),
-        verbose=False,
-    )
-    model = onnx.load(str(temporary))
     values = {
         "preprocess": asdict(checkpoint.preprocess),
         "classes": checkpoint.classes,
         "temperature": checkpoint.temperature,
         "unknown_below": checkpoint.unknown_below,
     }
-    onnx.helper.set_model_props(model, {name: json.dumps(value) for name, value in values.items()})
-    onnx.save(model, str(temporary))
-    os.replace(temporary, path)
-    return path
+    with replacing(path) as temporary:
+        torch.onnx.export(
+            checkpoint.model.cpu().eval(),
+            (example,),
+            str(temporary),
+            dynamo=True,
+            external_data=False,
+            input_names=["points"],
+            output_names=["logits"],
+            dynamic_shapes=({0: torch.export.Dim("batch")},),
+            verbose=False,
+        )
+        model = onnx.load(str(temporary))
+        onnx.helper.set_model_props(model, {name: json.dumps(value) for name, value in values.items()})
+        onnx.save(model, str(temporary))
+    return Path(path)

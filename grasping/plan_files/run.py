@@ -63,6 +63,7 @@ def plan_files(
 
 
 def _write(path: Path, text: str) -> None:
+    # As pec.common.atomic_files does it, which this package must not import.
     temporary = path.with_name(path.name + ".tmp")
     temporary.write_text(text, encoding="utf-8")
     os.replace(temporary, path)

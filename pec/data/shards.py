@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save
 
+from pec.common.atomic_files import write_json, write_whole
 from pec.errors import DatasetError
 
 __all__ = [
@@ -44,7 +45,6 @@ __all__ = [
     "read_manifest",
     "read_shard",
     "shard_name",
-    "write_json",
     "write_manifest",
     "write_shard",
 ]
@@ -167,7 +167,7 @@ def write_shard(path: str | os.PathLike[str], samples: Sequence[CloudSample]) ->
     }
     path = Path(path)
     data = save(tensors, metadata={"schema_version": str(SCHEMA_VERSION)})
-    _write_atomically(path, data)
+    write_whole(path, data)
     return ShardRecord(f"{path.parent.name}/{path.name}", len(samples), hashlib.sha256(data).hexdigest())
 
 
@@ -230,11 +230,6 @@ def write_manifest(directory: str | os.PathLike[str], manifest: Manifest, name: 
     return path
 
 
-def write_json(path: str | os.PathLike[str], content: Any, indent: int | None = 1) -> None:
-    """Write `content` as JSON, atomically."""
-    _write_atomically(Path(path), (json.dumps(content, indent=indent) + "\n").encode())
-
-
 def read_manifest(directory: str | os.PathLike[str], name: str = MANIFEST_NAME) -> Manifest:
     """Read and check DIR/manifest.json, or DIR/`name`.
 
@@ -263,17 +258,3 @@ def read_manifest(directory: str | os.PathLike[str], name: str = MANIFEST_NAME) 
 def _made_by(content: dict[str, Any]) -> str:
     made_by = content.get("generator")
     return f"pecgrasp {made_by.get('pecgrasp', 'unknown')}" if isinstance(made_by, dict) else "unknown"
-
-
-def _write_atomically(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())  # a rename that outlives a power cut must not point to an empty file
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)  # on a full disk every byte counts
-        raise OSError(error.errno, error.strerror, str(path)) from error

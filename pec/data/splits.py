@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pec.data.shards import write_json
+from pec.common.atomic_files import write_json
 from pec.errors import DatasetError
 
 __all__ = [

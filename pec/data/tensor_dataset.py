@@ -14,6 +14,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 from tqdm import tqdm
 
+from pec.common.atomic_files import replacing
 from pec.data.dataset import CloudDataset, remove_around_random_point
 from pec.preprocessing.preprocess import Preprocess
 
@@ -74,10 +75,8 @@ def prepare(
         counts[index] = len(sample)
     arrays: dict[str, np.ndarray] = {"candidates": candidates, "counts": counts}
     if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-        save_file(arrays, temporary)
-        os.replace(temporary, path)
+        with replacing(path) as temporary:
+            save_file(arrays, temporary)
     return _prepared(arrays, dataset)
 
 

@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pec.common.atomic_files import write_json
 from pec.data.dataset import data_version
 from pec.experiments.code_version import code_version
 from pec.training.loop import train
@@ -56,14 +57,14 @@ def run_cell(settings: Mapping[str, Any]) -> dict[str, Any]:
         "data": data_version(settings["dataset"]["path"]),
         "code": cell_code(),
     }
-    _write_json(directory / "cell.json", cell)
+    write_json(directory / "cell.json", cell)
     known = {name: value for name, value in settings.items() if name not in ("name", "folder", "table")}
     try:
         train({**known, "output": str(directory)})
         cell["status"] = "done"
     except Exception as error:  # of any kind: a full disk or a full GPU is this cell's failure, not the grid's
         cell["status"], cell["error"] = "failed", f"{type(error).__name__}: {error}"
-    _write_json(directory / "cell.json", cell)
+    write_json(directory / "cell.json", cell)
     return {"key": key, **cell}
 
 
@@ -89,9 +90,3 @@ def _decisive(settings: Mapping[str, Any]) -> dict[str, Any]:
     decisive = {name: value for name, value in settings.items() if name not in _BESIDE}
     # The data count by what they hold, not by where they lie.
     return decisive | {"dataset": {name: value for name, value in settings["dataset"].items() if name != "path"}}
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    os.replace(temporary, path)

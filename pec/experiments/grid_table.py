@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
+from pec.common.atomic_files import write_json, write_whole
 from pec.experiments.chart_files import png, standalone_svg
 from pec.experiments.charts import points_over_axes
 from pec.experiments.grid import cell_code, read_cells
@@ -125,12 +126,12 @@ def write_table(folder: str | os.PathLike[str], title: str, published: Sequence[
     rows = read_rows(folder)
     figures = {(item["points"], item["group"]): float(item["accuracy"]) for item in published}
     markdown = _markdown(rows, title, figures)
-    _write(folder / "table.md", markdown)
-    _write(folder / "table.csv", _csv(rows, figures))
-    _write(folder / "results.json", _json({"title": title, "code": cell_code(), "rows": _summaries(rows, figures)}))
+    write_whole(folder / "table.md", markdown)
+    write_whole(folder / "table.csv", _csv(rows, figures))
+    write_json(folder / "results.json", {"title": title, "code": cell_code(), "rows": _summaries(rows, figures)})
     for name, figure in _plots(rows, figures).items():
-        _write(folder / f"{name}.svg", standalone_svg(figure))
-        _write(folder / f"{name}.png", png(figure))
+        write_whole(folder / f"{name}.svg", standalone_svg(figure))
+        write_whole(folder / f"{name}.png", png(figure))
     return markdown
 
 
@@ -335,13 +336,3 @@ def _percent(shares: Sequence[float]) -> str:
 def _range(values: Sequence[float]) -> str:
     low, high = min(values), max(values)
     return f"{low:g}" if low == high else f"{low:g}–{high:g}"
-
-
-def _json(content: Mapping[str, Any]) -> str:
-    return json.dumps(content, indent=1) + "\n"
-
-
-def _write(path: Path, content: str | bytes) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-    os.replace(temporary, path)

@@ -15,11 +15,11 @@ import torch
 from tqdm import tqdm
 
 from pec.checkpoint import Checkpoint
+from pec.common.threads import torch_threads
 from pec.data.corruptions import CORRUPTIONS, LEVELS, corrupt
 from pec.data.dataset import CloudDataset
 from pec.experiments.grid_table import order_name
 from pec.metrics import predict_log_probabilities, score
-from pec.threads import torch_threads
 from pec.training.finished_runs import read_finished
 
 __all__ = ["measure_robustness", "robustness_table"]

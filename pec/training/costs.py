@@ -13,8 +13,8 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from pec.checkpoint import Checkpoint
 from pec.classifier import Classifier
+from pec.common.threads import torch_threads
 from pec.networks.registry import fast_forward
-from pec.threads import torch_threads
 
 __all__ = ["Costs", "measure_costs", "multiply_adds"]
 

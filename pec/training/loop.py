@@ -6,9 +6,7 @@ run that is killed and started again ends in the same weights, bit for bit on a 
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +17,8 @@ from torch import nn
 from tqdm import tqdm
 
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
+from pec.common.atomic_files import write_json
+from pec.common.threads import torch_threads
 from pec.data.augment import augment
 from pec.data.dataset import data_version, load_dataset
 from pec.data.tensor_dataset import PreparedClouds, prepare
@@ -27,7 +27,6 @@ from pec.metrics import arrange_views, log_probabilities, score
 from pec.networks.baselines import NearestNeighbours, PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.networks.registry import build_model
-from pec.threads import torch_threads
 from pec.training.config import TrainConfig, read_config
 from pec.training.final_evaluation import report
 from pec.training.finished_runs import check_same, finished_results
@@ -58,7 +57,7 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
             results = _train(config)
     finally:
         torch.set_flush_denormal(False)  # it holds for all arithmetic of the process, the caller's too
-    _write_json(output / "results.json", results)
+    write_json(output / "results.json", results)
     return results
 
 
@@ -293,9 +292,3 @@ def _device(name: str) -> torch.device:
     if name == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device=cuda, but torch finds no CUDA device")
     return torch.device("cuda" if name == "auto" and torch.cuda.is_available() else name.replace("auto", "cpu"))
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    os.replace(temporary, path)

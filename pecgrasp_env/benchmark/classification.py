@@ -151,8 +151,8 @@ def _products(threads: int) -> Timing:
     """Products of large matrices with as many multiply-adds as a step on all clouds: forward, and twice that back."""
     import torch
 
+    from pec.common.threads import torch_threads
     from pec.networks.registry import build_model
-    from pec.threads import torch_threads
     from pec.training.costs import multiply_adds
 
     needed = 3 * _TRAINING * multiply_adds(build_model("pec", _POINTS, len(LARS_CLASSES)), _POINTS)

@@ -21,11 +21,11 @@ import numpy as np
 from PIL import Image
 
 from grasping.viewer.html import page
+from pec.common.atomic_files import write_whole
 from pec.data.shards import Manifest, Shard, read_manifest, read_shard
 from pec.data.splits import read_splits
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import histogram
-from pecgrasp_env.common.atomic_files import write_whole
 
 __all__ = ["CARD_NAME", "write_card"]
 

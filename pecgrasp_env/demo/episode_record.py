@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from grasping import Grasp, GraspPlan, RegionReport
+from pec.common.atomic_files import replacing
 from pecgrasp_env.evaluation.episode import Episode
 
 
@@ -69,10 +69,8 @@ def save_record(path: Path, record: EpisodeRecord) -> None:
                 [float(grasp.width), float(grasp.score), grasp.kind, grasp.region, terms]
             )
     arrays["json"] = np.frombuffer(json.dumps(described).encode(), np.uint8)
-    temporary = path.with_name(path.name + ".tmp")
-    with temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
 
 
 def load_record(path: Path) -> EpisodeRecord:

@@ -19,10 +19,10 @@ from PIL import Image
 from grasping import ROBOTIQ_2F_140, Gripper
 from grasping.viewer.figure import Layer, fragment
 from grasping.viewer.html import page
+from pec.common.atomic_files import write_whole
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import bars, confusion_matrix, curves, number
 from pec.statistics import wilson_interval
-from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.demo.episode_record import EpisodeRecord
 from pecgrasp_env.evaluation.episode import OUTCOME_WORDS
 

@@ -24,9 +24,9 @@ import imageio_ffmpeg  # type: ignore[import-untyped]
 import numpy as np
 from tqdm import tqdm
 
+from pec.common.atomic_files import write_json
 from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
-from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.demo.episode_record import EpisodeRecord, load_record
 from pecgrasp_env.demo.recorder import EpisodeRecorder
@@ -100,7 +100,7 @@ def run_demo(
         ),
     )
     results = _results(trained, records, spent, versions) | {"report": str(report), "video": str(film)}
-    write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
+    write_json(out / "results.json", results)
     say(table(summarise([record.episode for record in records])))
     say("")
     say(f"report   {report.resolve()}")
@@ -134,7 +134,7 @@ def _work_on(folder: Path) -> Iterator[None]:
     finally:
         if not before["finished"]:
             seconds = round(before["seconds"] + time.monotonic() - begin, 1)
-            write_whole(path, json.dumps({"seconds": seconds, "finished": finished}, indent=1) + "\n")
+            write_json(path, {"seconds": seconds, "finished": finished})
 
 
 def _work(folder: Path) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from collections.abc import Sequence
 from functools import lru_cache
@@ -14,6 +13,7 @@ import imageio_ffmpeg  # type: ignore[import-untyped]
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from pec.common.atomic_files import replacing
 from pecgrasp_env.common.depth_image import depth_picture
 
 _BAR = 64  # pixels below the picture
@@ -29,13 +29,14 @@ class Film:
     """
 
     def __init__(self, path: Path, fps: int) -> None:
-        self._path, self._fps = path, fps
-        self._temporary = path.with_name(f"unfinished-{path.name}")
+        self._fps = fps
+        self._replacing = replacing(path)
         self._writer: Any = None  # imageio_ffmpeg's generator
         self._last: bytes | None = None
         self.n_frames = 0
 
     def __enter__(self) -> Film:
+        self._temporary = self._replacing.__enter__()
         return self
 
     def add(self, frame: np.ndarray, seconds: float | None = None) -> None:
@@ -63,22 +64,18 @@ class Film:
     ) -> None:
         if self._writer is not None:
             self._writer.close()
-        if kind is None and self.n_frames:
-            os.replace(self._temporary, self._path)
-        else:
-            self._temporary.unlink(missing_ok=True)
+        self._replacing.__exit__(kind, error, trace)
 
 
 def join_films(parts: Sequence[Path], path: Path) -> None:
     """One film out of several that were written alike, without encoding them again."""
-    temporary, listing = path.with_name(f"unfinished-{path.name}"), path.with_name(f"{path.name}.parts.tmp")
     # The list's quoting: an apostrophe ends the quotes, is escaped, and opens them again.
     quoted = (str(part.resolve()).replace("'", "'\\''") for part in parts)
-    listing.write_text("".join(f"file '{part}'\n" for part in quoted))
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "concat", "-safe", "0", "-i", str(listing)]
-    subprocess.run([*command, "-c", "copy", "-movflags", "+faststart", str(temporary)], check=True)
-    os.replace(temporary, path)
-    listing.unlink()
+    with replacing(path) as temporary:
+        listing = temporary.with_name("parts.txt")
+        listing.write_text("".join(f"file '{part}'\n" for part in quoted))
+        read = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "concat", "-safe", "0", "-i", str(listing)]
+        subprocess.run([*read, "-c", "copy", "-movflags", "+faststart", str(temporary)], check=True)
 
 
 def compose(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from grasping import ROBOTIQ_2F_140, Grasp
+from pec.common.atomic_files import replacing
 from pecgrasp_env.common.depth_image import depth_picture
 from pecgrasp_env.evaluation.episode import Policy
 from pecgrasp_env.evaluation.recording_policy import Sight, Watched
@@ -73,10 +73,8 @@ class FailurePictures:
         if self.policy.sight is not None:
             pictures["camera"] = what_it_saw(self.policy.sight)
         for kind, picture in pictures.items():
-            path = folder / f"{seed}.{kind}.webp"
-            temporary = path.with_name(path.name + ".tmp")
-            Image.fromarray(picture).save(temporary, "WEBP", quality=_QUALITY)
-            os.replace(temporary, path)
+            with replacing(folder / f"{seed}.{kind}.webp") as temporary:
+                Image.fromarray(picture).save(temporary, "WEBP", quality=_QUALITY)
 
 
 def what_it_saw(sight: Sight) -> np.ndarray:

@@ -19,8 +19,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pec.common.atomic_files import write_json
 from pec.experiments.code_version import code_version
-from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.run import Protocol, read_episodes, run_episodes
@@ -83,7 +83,7 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
         "code": cell_code(),
         "error": None,
     }
-    write_whole(directory / "cell.json", json.dumps(record, indent=1) + "\n")
+    write_json(directory / "cell.json", record)
     protocol = Protocol(settings["env"], settings["checkpoint"], settings["planner"], settings["policy"])
     first = settings["first_seed"]
     try:
@@ -98,7 +98,7 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
         )
     except Exception as error:  # of any kind: a missing classifier is this cell's failure, not the grid's
         record["error"] = f"{type(error).__name__}: {error}"
-        write_whole(directory / "cell.json", json.dumps(record, indent=1) + "\n")
+        write_json(directory / "cell.json", record)
     return _read_cell(directory)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from pecgrasp_env.common.atomic_files import write_whole
+from pec.common.atomic_files import write_json, write_whole
 from pecgrasp_env.evaluation.page import render
 from pecgrasp_env.evaluation.tables import as_csv, as_results, markdown, read_evaluation
 
@@ -21,7 +20,7 @@ def write_evaluation(folder: Path, table: dict[str, Any], commands: list[str]) -
     text = markdown(evaluation)
     write_whole(folder / "table.md", text)
     write_whole(folder / "table.csv", as_csv(evaluation.cells))
-    write_whole(folder / "results.json", json.dumps(as_results(evaluation), indent=1) + "\n")
+    write_json(folder / "results.json", as_results(evaluation))
     write_whole(folder / "report.html", render(evaluation, commands))
     return text
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from pecgrasp_env.common.atomic_files import write_whole
+from pec.common.atomic_files import write_whole
 from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode

@@ -18,8 +18,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan, GraspPlanner
+from pec.common.atomic_files import write_json
 from pec.statistics import wilson_interval
-from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.objects import make_object
 
 FloatArray = NDArray[np.float64]
@@ -225,7 +225,7 @@ def measure_figures(
                     "interval": wilson_interval(count, instances),
                 }
             rows.append(row)
-        write_whole(path, json.dumps({"settings": settings, "rows": rows}, indent=1) + "\n")
+        write_json(path, {"settings": settings, "rows": rows})
         say(f"{claim.name}: done")
     results = {"settings": settings, "rows": rows}
     say(table_of(results))

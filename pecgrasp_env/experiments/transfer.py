@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from pec import Classifier
+from pec.common.atomic_files import write_json
 from pec.data.dataset import CloudDataset, load_dataset
 from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
-from pecgrasp_env.common.atomic_files import write_whole
 from pecgrasp_env.experiments.scene_clouds import capture_scenes
 
 __all__ = ["cluster_interval", "run_transfer", "table"]
@@ -77,7 +77,7 @@ def run_transfer(settings: Mapping[str, Any], say: Callable[[str], None] = print
         )
         say(_line(rows[-1]))
         results = {"scenes": {"clouds": len(scenes), **settings["scenes"]}, "recipes": rows}
-        write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
+        write_json(out / "results.json", results)
     return results
 
 
@@ -109,7 +109,7 @@ def _right(
     predictions = Classifier.load(trained["checkpoint"]).predict(scenes.clouds)
     names = [scenes.classes[label] for label in scenes.labels]
     right = [each.label == name for each, name in zip(predictions, names, strict=True)]
-    write_whole(path, json.dumps({"fingerprint": scenes.fingerprint, "right": right}, indent=1) + "\n")
+    write_json(path, {"fingerprint": scenes.fingerprint, "right": right})
     return np.array(right, bool)
 
 

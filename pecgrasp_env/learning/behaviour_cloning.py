@@ -11,7 +11,6 @@ can, beside agents that idle and act at random. Read it from `train` on;
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -26,7 +25,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 from torch.utils.tensorboard import SummaryWriter
 
-from pecgrasp_env.common.atomic_files import write_whole
+from pec.common.atomic_files import replacing, write_json
 from pecgrasp_env.learning.rollouts import Act, acting_at_random, evaluate, idling, show
 from pecgrasp_env.learning.state_features import Moments, read_demonstrations
 
@@ -131,9 +130,9 @@ def train(config: CloningConfig) -> dict[str, Any]:
                 curve.append({"epoch": epoch, "loss": losses, **measured})
                 show(writer, measured, epoch)
     learning_s = time.monotonic() - began
-    save_file(net.state_dict(), out / "agent.safetensors.tmp")
-    os.replace(out / "agent.safetensors.tmp", out / "agent.safetensors")
-    _write_json(out / "agent.json", {**asdict(config), "n_features": inputs.shape[1], "env_kwargs": env_kwargs})
+    with replacing(out / "agent.safetensors") as temporary:
+        save_file(net.state_dict(), temporary)
+    write_json(out / "agent.json", {**asdict(config), "n_features": inputs.shape[1], "env_kwargs": env_kwargs})
     seeds = range(config.final_seed, config.final_seed + config.final_episodes)
     others: dict[str, Callable[[], Act]] = {"idle": idling, "random": partial(acting_at_random, rng)}
     final = {"cloned": evaluate(env, cloned, seeds, config.most_steps)}
@@ -145,7 +144,7 @@ def train(config: CloningConfig) -> dict[str, Any]:
                 show(writer, measured, epoch)
     results = {"demonstrations": len(learnt), "samples": len(inputs), "curve": curve, "final": final}
     results |= {"learning_s": learning_s, "seconds": time.monotonic() - began, "config": asdict(config)}
-    _write_json(out / "results.json", results)
+    write_json(out / "results.json", results)
     return results
 
 
@@ -188,7 +187,3 @@ def acting(net: Cloned, execute: int) -> Act:
         return queue.pop(0)
 
     return act
-
-
-def _write_json(path: Path, content: Any) -> None:
-    write_whole(path, json.dumps(content, indent=1) + "\n")

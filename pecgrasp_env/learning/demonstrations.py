@@ -12,9 +12,6 @@ package joins them. The expert looks at the depth picture, which is not kept: re
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -25,7 +22,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from pecgrasp_env.common.atomic_files import write_whole
+from pec.common.atomic_files import replacing, write_json
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.run import Protocol
@@ -114,7 +111,7 @@ def record(
     kept = [each.seed for each in episodes if keep == "all" or each.outcome == "success"]
     _join(folder, kept, out / "trajectory.h5", recording.env_kwargs("state_dict"))
     results = {"kept": len(kept), "trajectories": str(out / "trajectory.h5"), **summarise(episodes)}
-    _write_json(out / "results.json", results)
+    write_json(out / "results.json", results)
     return results
 
 
@@ -125,7 +122,7 @@ def _info_file(folder: Path, seed: int) -> Path:
 
 def _claim(path: Path, recording: Recording) -> None:
     if not path.exists():
-        _write_json(path, asdict(recording))
+        write_json(path, asdict(recording))
     elif json.loads(path.read_text()) != json.loads(json.dumps(asdict(recording))):
         raise DemonstrationError(f"{path} is of another recording; choose another folder, or delete it")
 
@@ -134,8 +131,7 @@ def _join(folder: Path, seeds: Sequence[int], path: Path, env_kwargs: Mapping[st
     """One pair of files out of those of the seeds, with the arguments by which the states can be replayed."""
     from mani_skill.trajectory.merge_trajectory import merge_trajectories
 
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix="joining.") as temporary:
-        joined = Path(temporary) / "trajectory.h5"
+    with replacing(path) as joined:
         merge_trajectories(str(joined), [folder / f"{seed}.h5" for seed in seeds])
         content = json.loads(joined.with_suffix(".json").read_text())
         for episode in content["episodes"]:
@@ -143,12 +139,7 @@ def _join(folder: Path, seeds: Sequence[int], path: Path, env_kwargs: Mapping[st
         if seeds:
             content["env_info"]["env_kwargs"] = dict(env_kwargs)
         content["episodes"].sort(key=lambda episode: episode["episode_id"])
-        os.replace(joined, path)
-        _write_json(path.with_suffix(".json"), content)
-
-
-def _write_json(path: Path, content: Any) -> None:
-    write_whole(path, json.dumps(content, indent=1) + "\n")
+    write_json(path.with_suffix(".json"), content)
 
 
 # ------------------------------------------------------------------------------------------------------ one episode
@@ -204,12 +195,11 @@ class _EpisodeRecorder:
         from mani_skill.utils.wrappers import RecordEpisode
 
         seen = _Seen(self._env)
-        temporary = Path(tempfile.mkdtemp(dir=self._folder, prefix=f"{seed}.", suffix=".tmp"))
-        try:
+        with replacing(self._folder / f"{seed}.h5") as temporary:
             recorder = RecordEpisode(
                 seen,
-                str(temporary),
-                trajectory_name="episode",
+                str(temporary.parent),
+                trajectory_name=temporary.stem,
                 save_video=False,
                 source_type="motionplanning",
                 source_desc="pecgrasp_env.ScriptedPolicy, which works from depth pictures",
@@ -217,12 +207,9 @@ class _EpisodeRecorder:
             env: gym.Env = _WithPictures(recorder, seen)
             episode = run_episode(_JointSteps(env) if self._in_steps else env, self._policy, seed)
             recorder.close()
-            content = json.loads((temporary / "episode.json").read_text())
-            content["episodes"][0]["expert"] = asdict(episode)
-            os.replace(temporary / "episode.h5", self._folder / f"{seed}.h5")
-            _write_json(_info_file(self._folder, seed), content)
-        finally:
-            shutil.rmtree(temporary)
+            content = json.loads(temporary.with_suffix(".json").read_text())
+        content["episodes"][0]["expert"] = asdict(episode)
+        write_json(_info_file(self._folder, seed), content)
         return episode
 
     def close(self) -> None:

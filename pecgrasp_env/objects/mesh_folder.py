@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from pec.common.atomic_files import write_whole
 from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.meshing.convex_decomposition import COACD, MOST_FACES, decompose, edge_counts
 from pecgrasp_env.objects.meshing.convex_hulls import hull_volume
-from pecgrasp_env.objects.meshing.mesh_cache import Part, cache_folder, write_atomically
+from pecgrasp_env.objects.meshing.mesh_cache import Part, cache_folder
 from pecgrasp_env.objects.model import ObjectModel, centre_of_mass
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb")
@@ -178,6 +179,6 @@ def convex_parts(mesh: trimesh.Trimesh) -> list[np.ndarray]:
         buffer = io.BytesIO()
         counts = np.array([len(p) for p in parts], np.int64)
         np.savez(buffer, points=np.concatenate([*parts, np.empty((0, 3))]), counts=counts)
-        write_atomically(path, buffer.getvalue())
+        write_whole(path, buffer.getvalue())
     with np.load(path, allow_pickle=False) as stored:
         return np.split(stored["points"], np.cumsum(stored["counts"])[:-1]) if len(stored["counts"]) else []

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
-import tempfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -13,6 +11,7 @@ import numpy as np
 import trimesh
 from trimesh.visual.material import PBRMaterial
 
+from pec.common.atomic_files import replacing
 from pecgrasp_env.robot import description, kinematics
 from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot import visual_surfaces as surfaces
@@ -31,16 +30,13 @@ def robot_urdf() -> Path:
     """
     folder = _cache_root() / f"robot-{_fingerprint()}"
     if not folder.is_dir():
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(prefix="robot-", suffix=".tmp", dir=folder.parent))
         try:
-            write_description(unfinished)
-            os.replace(unfinished, folder)
+            with replacing(folder) as unfinished:
+                unfinished.mkdir()
+                write_description(unfinished)
         except OSError:
             if not folder.is_dir():  # otherwise another process was first, with the same content
                 raise
-        finally:
-            shutil.rmtree(unfinished, ignore_errors=True)
     return folder / "robot.urdf"
 
 

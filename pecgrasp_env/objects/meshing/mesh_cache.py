@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from trimesh.exchange.gltf import export_glb
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from pec.common.atomic_files import write_whole
 from pecgrasp_env.objects.meshing.convex_hulls import convex_hull
 
 CREASE = np.radians(38)  # faces that meet at a larger angle keep an edge between them
@@ -41,22 +41,6 @@ def cache_folder() -> Path:
     return Path(root) / "pecgrasp" / "objects"
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """The file appears whole or not at all, also when several processes write it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.replace(temporary, path)
-    except OSError as error:  # a failed write does not say of which file
-        os.unlink(temporary)
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    except BaseException:
-        os.unlink(temporary)
-        raise
-
-
 def visual_file(parts: Sequence[Part]) -> Path:
     """A .glb of the parts with smooth normals and their colours, in the cache folder."""
     digest = hashlib.sha256(FORMAT)
@@ -73,7 +57,7 @@ def visual_file(parts: Sequence[Part]) -> Path:
             visual = TextureVisuals(material=material)
             mesh = trimesh.Trimesh(vertices, faces, vertex_normals=normals, visual=visual, process=False)
             scene.add_geometry(mesh, geom_name=f"part_{i}")
-        write_atomically(path, export_glb(scene, include_normals=True))
+        write_whole(path, export_glb(scene, include_normals=True))
     return path
 
 
@@ -88,7 +72,7 @@ def collision_file(hulls: Sequence[np.ndarray]) -> Path:
         for i, points in enumerate(hulls):
             mesh = trimesh.Trimesh(points / COLLISION_UNIT, convex_hull(points).simplices, process=False)
             scene.add_geometry(mesh, geom_name=f"hull_{i}")
-        write_atomically(path, export_glb(scene, include_normals=False))
+        write_whole(path, export_glb(scene, include_normals=False))
     return path
 
 

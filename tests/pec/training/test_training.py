@@ -15,9 +15,9 @@ import torch
 from safetensors.torch import load_file
 
 from pec.checkpoint import read_checkpoint, read_training_state
+from pec.common.threads import torch_threads
 from pec.data.dataset import load_dataset
 from pec.errors import ConfigError, DatasetError, TrainingError
-from pec.threads import torch_threads
 from pec.training.config import read_config
 from pec.training.loop import log_class_shares, train
 from pec.training.run_split import split

@@ -1,0 +1,1 @@
+"""What several folders of this package, and `pecgrasp_env`, share."""
