@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from pecgrasp_env.capture import CaptureConfig
     from pecgrasp_env.capture.scenarios.base import Scenario, Subject
 
-__all__ = ["generation"]
+__all__ = ["generation", "memory_growth"]
 
 _STEPPED = "ManiSkill, a step a cloud"
 _WARM_UP = 500  # frames after which buffers have their size
+_SAMPLES = 50  # of an object, captured in one go where memory is measured
 
 
 def generation(settings: Mapping[str, Any]) -> list[Row]:
@@ -72,7 +73,7 @@ def generation(settings: Mapping[str, Any]) -> list[Row]:
     for case, config in cases.items():
         rows += _shares(case, config)
     if settings["memory_frames"]:
-        rows += [_growth(case, config, settings["memory_frames"]) for case, config in cases.items()]
+        rows += [memory_growth(case, _capture(config), settings["memory_frames"]) for case, config in cases.items()]
     return rows
 
 
@@ -138,20 +139,31 @@ def _timed(owner: Any, name: str, spent: dict[str, float], label: str) -> Iterat
         setattr(owner, name, original)
 
 
-def _growth(case: str, config: CaptureConfig, frames: int) -> Row:
+def _capture(config: CaptureConfig) -> Callable[[int], int]:
+    """Captures 50 samples of each of a few objects from the one that is named on; returns how many frames that took."""
+    scenario, subjects = _opened(replace(config, samples_per_instance=10**9))
+    in_a_frame = len(subjects) if config.scenario == "tabletop" else 1
+
+    def capture(first: int) -> int:
+        captured = scenario.capture(subjects, first, _SAMPLES)
+        return (len(captured.samples) + captured.rejected.total()) // in_a_frame
+
+    return capture
+
+
+def memory_growth(case: str, capture: Callable[[int], int], frames: int) -> Row:
     """How much one process grows over so many frames, first half and second apart: the renderer's buffers reach their
     size within thousands of frames, as rare sizes of windows come up; what grows for ever grows in both.
+
+    capture: takes frames, from a sample that it is given on, and returns how many.
     """
-    scenario, subjects = _opened(replace(config, samples_per_instance=10**9))
     taken, first = 0, 0
     sizes: list[float] = []
     begin = time.perf_counter()
     for mark in (_WARM_UP, _WARM_UP + frames // 2, _WARM_UP + frames):
         while taken < mark:
-            captured = scenario.capture(subjects, first, 50)
-            first += 50
-            together = len(subjects) if config.scenario == "tabletop" else 1
-            taken += (len(captured.samples) + captured.rejected.total()) // together
+            taken += capture(first)
+            first += _SAMPLES
         sizes.append(_resident_mb())
     return {
         "what": f"{case}, {frames:,} frames",

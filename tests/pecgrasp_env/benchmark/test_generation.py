@@ -1,7 +1,9 @@
 """The benchmark of generation: every case beside its target and the yardstick, the floor, the growth of memory."""
 
+import numpy as np
 import pytest
 
+from pecgrasp_env.benchmark.generation import memory_growth
 from pecgrasp_env.benchmark.run import run_benchmark
 
 
@@ -17,8 +19,8 @@ def test_generation_is_timed_beside_the_stepped_environment_and_its_floor():
         "generate_at_least": {"free d435 424x240": 150},
         "memory_frames": 40,
     }
-    told: list[str] = []
-    rows = run_benchmark(settings, told.append)["generation"]
+    lines: list[str] = []
+    rows = run_benchmark(settings, lines.append)["generation"]
     assert rows[0]["name"] == "1 worker"
     assert rows[0]["rate"] > 0
     assert "at_least" not in rows[0]  # targets are of both cores
@@ -31,5 +33,18 @@ def test_generation_is_timed_beside_the_stepped_environment_and_its_floor():
     assert sum(shares.values()) - shares["all of it"] <= 1.001 * shares["all of it"]
     assert rows[-1]["name"] == "memory"
     assert rows[-1]["mb"] > 50
-    assert abs(rows[-1]["growth_mb"]) < rows[-1]["mb"]
-    assert all(any(row["name"] in line and row["what"] in line for line in told) for row in rows)
+    assert {"growth_first_half_mb", "growth_mb"} <= rows[-1].keys()
+    assert all(any(row["name"] in line and row["what"] in line for line in lines) for row in rows)
+
+
+def test_what_keeps_a_megabyte_a_frame_grows_and_what_keeps_nothing_does_not():
+    kept = []
+
+    def leak(first):
+        kept.append(np.ones(250_000, np.float32))
+        return 1
+
+    row = memory_growth("leak", leak, frames=80)
+    assert row["growth_mb"] == pytest.approx(40, abs=10)
+    assert row["growth_first_half_mb"] == pytest.approx(40, abs=10)
+    assert abs(memory_growth("none", lambda first: 1, frames=80)["growth_mb"]) < 10

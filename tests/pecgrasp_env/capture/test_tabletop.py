@@ -16,9 +16,9 @@ from pec.data.shards import read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
 from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, background_depth, compose
-from pecgrasp_env.capture.scenarios.base import Subject
+from pecgrasp_env.capture.scenarios.base import Captured, Subject
 from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario, resting_poses
-from pecgrasp_env.objects import LARS_CLASSES, ObjectModel, Part, make_object
+from pecgrasp_env.objects import CLASSES, LARS_CLASSES, ObjectModel, Part, make_object
 from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor import D435
@@ -147,31 +147,25 @@ def test_clouds_are_what_the_robots_segmenter_cuts_out_labelled_by_the_renderer(
     assert len({sample.seed for sample in made.samples}) <= len(scenes)  # a frame gives several samples
 
 
-def crowded(clearance: float, **changes) -> CaptureConfig:
-    table = replace(TABLE.tabletop, clearance=clearance, **{k: v for k, v in changes.items() if k == "min_purity"})
-    return replace(TABLE, tabletop=table, **{k: v for k, v in changes.items() if k != "min_purity"})
+def capture(config: CaptureConfig, models: list[ObjectModel], count: int) -> Captured:
+    return TabletopScenario(config).capture([Subject(model, i, i) for i, model in enumerate(models)], 0, count)
 
 
-def test_mixed_cut_outs_are_dropped_and_counted_or_marked():
-    """Blocks of which the segmenter cannot know that they are two: they touch."""
-    pair = [Subject(block(0.16, 0.14, 0.05, f"block_{i}"), i, i) for i in range(2)]
+def laid_close(**changes) -> CaptureConfig:
+    """Nothing keeps outlines apart, so some objects touch or hide others."""
+    min_purity = changes.pop("min_purity", TABLE.tabletop.min_purity)
+    return replace(TABLE, tabletop=replace(TABLE.tabletop, clearance=0.0, min_purity=min_purity), **changes)
 
-    def touching(config: CaptureConfig):
-        scenario = TabletopScenario(config)
-        poses = np.array([[0.5, 0.07, 0.025, 1, 0, 0, 0], [0.5, -0.07, 0.025, 1, 0, 0, 0]])
-        reasons = {0: Counter(), 1: Counter()}
-        scenario._studio.show([subject.model for subject in pair])
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("pecgrasp_env.capture.scenarios.tabletop.arrange", lambda *_: poses)
-            frame = next(scenario._frames([subject.model for subject in pair], "first", "key"))
-        return scenario._cut(*frame, pair, reasons, Counter()), reasons
 
-    samples, reasons = touching(TABLE)
-    assert not samples
-    assert sorted(reason for counter in reasons.values() for reason in counter) == ["mixed", "not found"]
-    samples, reasons = touching(crowded(0.03, min_purity=0.0))
-    (sample,) = samples.values()
-    assert 0.4 < sample.purity < 0.6
+def test_mixed_cut_outs_are_dropped_and_counted_or_kept_and_marked():
+    """Blocks on a full table, of which the segmenter takes some that touch for one object."""
+    blocks = [block(0.10, 0.10, 0.05, f"block_{i}") for i in range(6)]
+    made = capture(laid_close(), blocks, 10)
+    assert made.rejected["mixed"] > 0
+    assert min(sample.purity for sample in made.samples) >= TABLE.tabletop.min_purity
+    made = capture(laid_close(min_purity=0.0), blocks, 10)
+    assert "mixed" not in made.rejected
+    assert min(sample.purity for sample in made.samples) < 0.6
 
 
 def test_what_others_hide_is_measured_and_rejected():
@@ -195,30 +189,38 @@ def test_what_others_hide_is_measured_and_rejected():
     shares = [hidden(gap)[1] for gap in np.linspace(0.02, 0.3, 12)]
     assert shares == sorted(shares, reverse=True)
     assert any(0.2 < share < 0.8 for share in shares)
-    assert TabletopScenario(TABLE)._reason(0.6, None) == "hidden"
+
+
+def test_an_object_that_others_hide_too_much_gives_no_sample_of_that_frame():
+    models = [block(0.05, 0.14, 0.20, "tall"), block(0.05, 0.06, 0.03, "low"), block(0.05, 0.06, 0.03, "lower")]
+    made = capture(laid_close(max_occlusion=0.0), models, 15)
+    assert made.rejected["hidden"] > 0
+    assert {sample.occlusion for sample in made.samples} == {0.0}
+    made = capture(laid_close(max_occlusion=1.0), models, 15)
+    assert "hidden" not in made.rejected
+    assert max(sample.occlusion for sample in made.samples) > 0
 
 
 def test_an_object_that_the_segmenter_never_finds_is_given_up_with_the_reasons():
     flat = block(0.08, 0.06, 0.006, "card")
-    made = TabletopScenario(TABLE).capture([Subject(flat, 0, 0), Subject(make_object("can", 0), 1, 1)], 0, 2)
+    made = capture(TABLE, [flat, make_object("can", 0)], 2)
     assert [sample.class_index for sample in made.samples] == [1, 1]
     assert list(made.given_up) == ["block/card"]
     assert "not found" in made.given_up["block/card"]
     assert "8 mm" in made.given_up["block/card"]
 
 
-def test_distractors_are_of_other_classes_and_give_no_sample():
-    config = replace(TABLE, tabletop=replace(TABLE.tabletop, distractors=2))
-    scenario = TabletopScenario(config)
-    others = scenario._distractors(np.random.default_rng(0))
-    assert len(others) == 2
-    assert not {model.class_name for model in others} & set(config.objects.classes)
-    made = scenario.capture([Subject(make_object("can", 0), 0, 0)], 0, 3)
-    assert len(made.samples) == 3
-    assert not np.array_equal(
-        made.samples[0].points,
-        TabletopScenario(TABLE).capture([Subject(make_object("can", 0), 0, 0)], 0, 1).samples[0].points,
-    )
+def test_distractors_give_no_sample_and_change_what_is_seen():
+    can = make_object("can", 0)
+    made = capture(replace(TABLE, tabletop=replace(TABLE.tabletop, distractors=2)), [can], 3)
+    assert [sample.class_index for sample in made.samples] == [0, 0, 0]
+    assert not np.array_equal(made.samples[0].points, capture(TABLE, [can], 1).samples[0].points)
+
+
+def test_distractors_must_be_of_classes_that_the_set_does_not_label():
+    config = replace(TABLE, objects=ObjectsConfig(classes=CLASSES), tabletop=replace(TABLE.tabletop, distractors=1))
+    with pytest.raises(CaptureError, match=r"distractors: the data set labels all classes"):
+        capture(config, [make_object("can", 0)], 1)
 
 
 def test_the_set_has_the_same_bytes_from_two_workers_and_d435(tmp_path):

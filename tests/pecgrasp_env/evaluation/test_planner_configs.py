@@ -1,4 +1,4 @@
-"""Every file of conf/planner makes a planner that plans on an object on a table."""
+"""Every file of conf/planner makes a planner that finds a grasp of an object on a table."""
 
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 import grasping
+from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.objects import make_object
 
 CONF = Path(__file__).parents[3] / "conf"
@@ -23,12 +24,21 @@ def test_every_planner_of_the_library_has_a_file():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_planner_chosen_by_name_plans(name):
+@pytest.mark.parametrize("class_name", ["mouse", "can", "stapler"])
+def test_a_planner_chosen_by_name_grasps_an_object_that_stands_alone(name, class_name):
     with initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = compose("evaluate", overrides=["checkpoint=x", f"planner={name}"])
     planner = instantiate(OmegaConf.to_container(cfg.planner))
-    points = np.asarray(make_object("mouse", 0).visual_mesh().sample(600, seed=0), float)
+    points = np.asarray(make_object(class_name, 0).visual_mesh().sample(600, seed=0), float)
     points[:, 2] -= points[:, 2].min()
     plan = planner.plan(points, up=(0, 0, 1), table=(0, 0, 1, 0), obstacles=points + np.array([0.3, 0.0, 0.0]))
-    assert (plan.best is None) == (plan.reason is not None)
-    assert plan.best is None or plan.best.pose.shape == (4, 4)
+    assert plan.reason is None
+    assert plan.best is not None
+    rotation, middle = plan.best.pose[:3, :3], plan.best.pose[:3, 3]
+    assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-6)
+    assert rotation[2, 2] < -0.5  # from above
+    # The object lies between the pads.
+    local = (points - middle) @ rotation
+    between = local[(np.abs(local[:, 1:]) < 0.015).all(axis=1), 0]
+    assert 0 < plan.best.width <= ROBOTIQ_2F_140.stroke
+    assert 0.01 < np.ptp(between) < plan.best.width + 0.02
