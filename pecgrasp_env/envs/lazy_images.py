@@ -1,4 +1,4 @@
-"""Pictures that are taken when somebody looks at them: most steps of an episode nobody does, and rendering is the most
+"""Images that are rendered when they are read: in most steps of an episode nobody reads them, and rendering is the most
 of a step.
 """
 
@@ -8,26 +8,26 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 
-class Pictures(Mapping[str, Any]):
-    """What one camera's observation holds, taken at the first look, which must come before the task's next step."""
+class LazyImages(Mapping[str, Any]):
+    """What one camera's observation holds, rendered when first read, which must come before the task's next step."""
 
-    def __init__(self, kinds: Sequence[str], take: Callable[[], Mapping[str, Any]]) -> None:
-        """kinds: the keys, known beforehand. take: draws all of them."""
+    def __init__(self, kinds: Sequence[str], render: Callable[[], Mapping[str, Any]]) -> None:
+        """kinds: the keys, known beforehand. render: makes all of them."""
         self._kinds = tuple(kinds)
-        self._take: Callable[[], Mapping[str, Any]] | None = take
-        self._taken: Mapping[str, Any] | None = None
+        self._render: Callable[[], Mapping[str, Any]] | None = render
+        self._rendered: Mapping[str, Any] | None = None
 
     def __getitem__(self, kind: str) -> Any:
         if kind not in self._kinds:
             raise KeyError(kind)
-        if self._taken is None:
-            if self._take is None:
+        if self._rendered is None:
+            if self._render is None:
                 raise RuntimeError(f"{kind}: nobody looked while the task stood there, and it has moved on")
-            self._taken = self._take()
-        return self._taken[kind]
+            self._rendered = self._render()
+        return self._rendered[kind]
 
     def __contains__(self, kind: object) -> bool:
-        return kind in self._kinds  # the mixin's would take the picture
+        return kind in self._kinds  # the mixin's would render
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._kinds)
@@ -36,5 +36,5 @@ class Pictures(Mapping[str, Any]):
         return len(self._kinds)
 
     def expire(self) -> None:
-        """From now on only what was taken can be had."""
-        self._take = None
+        """From now on only what was rendered can be had."""
+        self._render = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache, cached_property, partial
 from typing import Any
@@ -24,11 +24,11 @@ from pecgrasp_env.envs import reward
 from pecgrasp_env.envs import task_state as outcome
 from pecgrasp_env.envs.cloud_observation import sample_cloud
 from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
-from pecgrasp_env.envs.lazy_images import Pictures
+from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
-from pecgrasp_env.envs.validation import TaskError, check_scene, check_sensing
-from pecgrasp_env.objects import LARS_CLASSES, open_objects
+from pecgrasp_env.envs.validation import TaskError, take_options
+from pecgrasp_env.objects import open_objects
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
 from pecgrasp_env.robot.pad_contact import both_press, outward
 from pecgrasp_env.scene import table as workbench
@@ -36,7 +36,6 @@ from pecgrasp_env.scene.actors import Recipe, SceneObjects
 from pecgrasp_env.scene.clutter import lay_out
 from pecgrasp_env.scene.placement import REGION, WIDE_REGION
 from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
-from pecgrasp_env.sensor import intrinsics_of
 from pecgrasp_env.sensor.maniskill_camera import LIT, UNLIT, sense
 from pecgrasp_env.sensor.sapien_depth import FAR, NEAR
 
@@ -139,7 +138,7 @@ class SelectiveGraspEnv(BaseEnv):
     | grip_force | as `extra/force`, N |
     | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
     | target | the asked-for class as text |
-    | planner_reason | what was last told to `set_planner_reason` in this episode, or "" |
+    | planner_reason | what was last given to `set_planner_reason` in this episode, or "" |
 
     ## Arguments
     | name | default | meaning |
@@ -172,26 +171,13 @@ class SelectiveGraspEnv(BaseEnv):
     SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid,)
     SUPPORTED_REWARD_MODES = ("normalized_dense", "dense", "sparse", "none")
     agent: UR5Robotiq2F140
-    # Set to True, visual observations hold `Pictures`, the same ones: each is drawn if and when it is looked at, which
-    # must be before the next step. For whoever looks seldom, as the scripted policy; wrappers that copy look always.
+    # Set to True, visual observations hold `LazyImages`, the same ones: each is rendered if and when it is read, which
+    # must be before the next step. For whoever reads them seldom, as the scripted policy; wrappers that copy read all.
     pictures_on_demand = False
 
     def __init__(
         self,
         *args: Any,
-        n_objects: int = 3,
-        classes: Sequence[str] = LARS_CLASSES,
-        objects: Any = None,
-        clutter: str = "apart",
-        same_class_twins: bool = False,
-        clearance: float = 0.03,
-        joint_noise: float = 0.02,
-        friction: tuple[float, float] | None = None,
-        mass_scale: tuple[float, float] | None = None,
-        light: str = "fixed",
-        sensor: str = "ideal",
-        resolution: str = "424x240",
-        cloud_points: int = 1024,
         robot_uids: str = UR5Robotiq2F140.uid,
         obs_mode: str | None = None,
         sensor_configs: dict | None = None,
@@ -199,29 +185,28 @@ class SelectiveGraspEnv(BaseEnv):
         reconfiguration_freq: int | None = None,
         **kwargs: Any,
     ) -> None:
-        self.classes = tuple(classes)
-        check_scene(self.classes, n_objects, same_class_twins, clutter, clearance, joint_noise)
-        check_sensing(sensor, light, cloud_points, friction, mass_scale)
+        """kwargs: fields of `SceneOptions`, `SensingOptions` and `Randomisation` by name, and ManiSkill's."""
+        self.layout, self.sensing, self.randomisation = take_options(kwargs)
+        self.classes = tuple(self.layout.classes)
+        objects = self.layout.objects
         source = objects if isinstance(objects, Mapping) else {"path": objects}
         self.source = objects if hasattr(objects, "load") else open_objects(**source, classes=self.classes)
         missing = [name for name in self.classes if name not in self.source.classes]
         if missing:
             raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
-        self.clutter = clutter
-        self.clearance = clearance
-        self.n_objects = n_objects
-        self.recipe = Recipe(self.source, self.classes, n_objects, same_class_twins, friction, mass_scale)
-        self.sensor = sensor
-        self.light = light
-        self.cloud_points = cloud_points
+        self.recipe = Recipe(
+            self.source,
+            self.classes,
+            self.layout.n_objects,
+            self.layout.same_class_twins,
+            self.randomisation.friction,
+            self.randomisation.mass_scale,
+        )
         self._only_cloud = obs_mode == "cloud"
-        self._shown: dict[str, Pictures] = {}
-        self.joint_noise = joint_noise
+        self._shown: dict[str, LazyImages] = {}
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
-        intrinsics = intrinsics_of(resolution)
-        if cloud_points > intrinsics.width * intrinsics.height:
-            raise TaskError(f"cloud_points={cloud_points}: a picture of {resolution} has fewer pixels")
+        intrinsics = self.sensing.intrinsics
         # Light is computed only where somebody looks at pictures; point clouds carry the plain colours.
         shader = LIT if "rgb" in (obs_mode or "") else UNLIT
         camera = {
@@ -247,7 +232,7 @@ class SelectiveGraspEnv(BaseEnv):
     @property
     def _default_sim_config(self) -> SimConfig:
         materials = DefaultMaterialsConfig(static_friction=0.6, dynamic_friction=0.6)
-        near = self.clutter != "apart" or self.clearance < _FAR_APART
+        near = self.layout.clutter != "apart" or self.layout.clearance < _FAR_APART
         contacts = SceneConfig(contact_offset=CONTACT_OFFSET_M, enable_pcm=not near)
         return SimConfig(default_materials_config=materials, scene_config=contacts)
 
@@ -263,13 +248,15 @@ class SelectiveGraspEnv(BaseEnv):
             super()._load_agent(options, sapien.Pose())
 
     def _load_lighting(self, options: dict) -> None:
-        generators = [self._generator(i, _LIGHT) for i in range(self.num_envs)] if self.light == "random" else None
+        generators = (
+            [self._generator(i, _LIGHT) for i in range(self.num_envs)] if self.randomisation.light == "random" else None
+        )
         workbench.light(self.scene, shadow=self.enable_shadow, generators=generators)
 
     def _load_scene(self, options: dict) -> None:
         workbench.build_table(self.scene)
         workbench.build_floor(self.scene)
-        # An asked-for object takes no fixed slot: its number in a segmentation picture must not give it away.
+        # An asked-for object takes no fixed slot: its number in a segmentation image must not give it away.
         draws = [self._generator(i, _CHOICE) for i in range(self.num_envs)]
         physics = [self._generator(i, _PHYSICS) for i in range(self.num_envs)]
         self.table = SceneObjects(self, self.recipe, draws, physics)
@@ -287,16 +274,17 @@ class SelectiveGraspEnv(BaseEnv):
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         indices = env_idx.tolist()
         self._set_scene_config()  # the private scene of the fall takes the physics engine's current settings
-        region = REGION if self.n_objects <= _MOST_IN_REGION else WIDE_REGION
-        poses = np.zeros((len(indices), self.n_objects, 7))
+        layout = self.layout
+        region = REGION if layout.n_objects <= _MOST_IN_REGION else WIDE_REGION
+        poses = np.zeros((len(indices), layout.n_objects, 7))
         asked, noise = np.zeros(len(indices), np.int64), np.zeros(len(indices), np.int64)
         home = np.asarray(self.agent.keyframes["home"].qpos, dtype=np.float32)
         qpos = np.tile(home, (len(indices), 1))
         for row, i in enumerate(indices):
             rng = self._generator(i, _LAYOUT)
             asked[row] = self.classes.index(self.models[i][int(rng.choice(self.table.askable[i]))].class_name)
-            poses[row] = lay_out(self.models[i], rng, region, self.clutter, self.clearance)
-            qpos[row, :6] += rng.uniform(-self.joint_noise, self.joint_noise, size=6)
+            poses[row] = lay_out(self.models[i], rng, region, layout.clutter, layout.clearance)
+            qpos[row, :6] += rng.uniform(-layout.joint_noise, layout.joint_noise, size=6)
             noise[row] = self._generator(i, _NOISE).integers(2**31)
             self.target_names[i] = self.classes[asked[row]]
             self._planner_reasons[i] = ""
@@ -418,7 +406,7 @@ class SelectiveGraspEnv(BaseEnv):
                 "agent": self._get_obs_agent(),
                 "extra": self._get_obs_extra(info),
                 "sensor_param": self.get_sensor_params(),
-                "sensor_data": self._pictures(),
+                "sensor_data": self._lazy_images(),
             }
         else:
             observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
@@ -432,18 +420,20 @@ class SelectiveGraspEnv(BaseEnv):
             camera["cam2world_gl"] @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], device=self.device)),
             self.memory.noise_seed,
             self._elapsed_steps,
-            self.cloud_points,
+            self.sensing.cloud_points,
         )
         return {**observation, "cloud": cloud}
 
-    def _pictures(self) -> dict[str, Pictures]:
-        """Each sensor's pictures of this moment, not yet taken; those of the moment before can be had no more."""
-        for pictures in self._shown.values():
-            pictures.expire()
-        taken = cache(self._get_obs_sensor_data)
+    def _lazy_images(self) -> dict[str, LazyImages]:
+        """Each sensor's images of this moment, not yet rendered; those of the moment before can be had no more."""
+        for images in self._shown.values():
+            images.expire()
+        rendered = cache(self._get_obs_sensor_data)
         visual = asdict(self.obs_mode_struct.visual)
         kinds = [kind for kind, wanted in visual.items() if wanted]
-        self._shown = {name: Pictures(kinds, partial(lambda sensor: taken()[sensor], name)) for name in self._sensors}
+        self._shown = {
+            name: LazyImages(kinds, partial(lambda sensor: rendered()[sensor], name)) for name in self._sensors
+        }
         return dict(self._shown)
 
     @cached_property
@@ -459,14 +449,14 @@ class SelectiveGraspEnv(BaseEnv):
         data = super()._get_obs_sensor_data(apply_texture_transforms)
         if not apply_texture_transforms:
             return data
-        for name, pictures in data.items():
-            if "depth" in pictures or "position" in pictures:
-                # One generator for each picture, so that looking twice at one moment shows the same.
+        for name, images in data.items():
+            if "depth" in images or "position" in images:
+                # One generator for each image, so that looking twice at one moment shows the same.
                 generators = [
                     np.random.default_rng([_NOISE, int(seed), int(step)])
                     for seed, step in zip(self.memory.noise_seed, self.elapsed_steps, strict=True)
                 ]
-                data[name] = sense(pictures, self._sensors[name], self.sensor, generators)
+                data[name] = sense(images, self._sensors[name], self.sensing.sensor, generators)
         return data
 
     # ----------------------------------------------------------------- reward

@@ -14,7 +14,8 @@ import torch
 from mani_skill.render.shaders import ShaderConfig
 from mani_skill.sensors.camera import Camera
 
-from pecgrasp_env.sensor import BASELINE, D435, CameraIntrinsics, apply_d435, apply_ideal
+from pecgrasp_env.sensor.d435_noise import apply_d435, apply_ideal
+from pecgrasp_env.sensor.intrinsics import BASELINE, D435, CameraIntrinsics
 from pecgrasp_env.sensor.sapien_depth import FAR, NEAR
 
 _LARGEST_DISPARITY = 126  # pixels that the D435's stereo processor searches

@@ -6,7 +6,7 @@ import pytest
 
 import pecgrasp_env
 from pecgrasp_env import ScriptedPolicy
-from pecgrasp_env.envs.lazy_images import Pictures
+from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.evaluation.episode import run_episode
 from pecgrasp_env.policy import pick_planner as policy
 from pecgrasp_env.policy.viewpoints import HOME
@@ -58,7 +58,7 @@ def test_a_moment_that_has_passed_cannot_be_looked_at(both):
 
 def test_asking_what_there_is_takes_no_picture():
     taken = []
-    pictures = Pictures(["depth"], lambda: taken.append(1) or {"depth": 0.5})
+    pictures = LazyImages(["depth"], lambda: taken.append(1) or {"depth": 0.5})
     assert ("depth" in pictures, "rgb" in pictures, list(pictures), len(pictures)) == (True, False, ["depth"], 1)
     assert not taken
     assert pictures["depth"] == pictures["depth"] == 0.5

@@ -328,6 +328,7 @@ def test_dense_rewards_keep_their_bounds(env):
         ({"classes": ("mouse", "can"), "n_objects": 1}, TaskError, "can"),
         ({"classes": ("mouse", "unicorn"), "n_objects": 1, "objects": None}, ObjectError, "unicorn"),
         ({"clearance": 0.6}, PlacementError, "clearance=0.6"),
+        ({"n_object": 2}, TypeError, "n_object"),
     ],
 )
 def test_arguments_that_make_no_sense_are_named(kwargs, error, words):

@@ -66,8 +66,8 @@ def test_the_hardest_cell_makes_an_environment():
     settings = resolved("experiment=selective", "checkpoint=x", "env.n_objects=8", "env.clutter=close")[1]
     protocol = Protocol(settings["env"], None, settings["planner"], {})
     env = protocol.make_env(obs_mode="state", render_backend="none")
-    assert env.unwrapped.n_objects == 8
-    assert env.unwrapped.clutter == "close"
+    assert env.unwrapped.layout.n_objects == 8
+    assert env.unwrapped.layout.clutter == "close"
     env.close()
 
 
