@@ -91,9 +91,6 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
 def _task(**arguments: Any) -> Any:
     import gymnasium as gym
 
-    import pecgrasp_env
-
-    assert pecgrasp_env  # registers SelectiveGrasp-v1
     backends = {"sim_backend": "physx_cpu", "render_backend": "cpu", "control_mode": "pd_joint_pos"}
     return gym.make("SelectiveGrasp-v1", **{**backends, **arguments})
 
