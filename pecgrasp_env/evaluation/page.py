@@ -37,9 +37,11 @@ def render(evaluation: Evaluation, commands: Sequence[str] = ()) -> str:
 
     def counts_of(cell: Cell) -> tuple[list[Share | None], dict[str, float] | None]:
         """Each outcome and the first tries of a cell, and how far other objects were moved."""
-        shares = [_share(cell.episodes, lambda each, name=name: each.outcome == name) for name in outcomes]
-        moved = summarise(cell.episodes)["disturbance_mm"] if cell.episodes else None
-        return [*shares, _share(cell.episodes, lifted_at_once)], moved
+        if not cell.episodes:
+            return [None] * (len(outcomes) + 1), None
+        counts = Counter(episode.outcome for episode in cell.episodes)
+        shares = [Share(counts[name], len(cell.episodes)) for name in outcomes]
+        return [*shares, _share(cell.episodes, lifted_at_once)], summarise(cell.episodes)["disturbance_mm"]
 
     return report_page(
         "pecgrasp_env.evaluation",
