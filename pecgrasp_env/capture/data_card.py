@@ -21,7 +21,7 @@ from pec.common.atomic_files import write_whole
 from pec.data.shards import Manifest, Shard, read_manifest, read_shard
 from pec.data.splits import read_splits
 from pec.experiments.chart_files import inline_svg
-from pec.experiments.charts import histogram
+from pec.experiments.charts import histogram, number
 from pecgrasp_env.common.html_report import Tile, data_uri, report_page
 
 __all__ = ["CARD_NAME", "write_card"]
@@ -92,7 +92,7 @@ def _tiles(manifest: Manifest, shards: Sequence[Shard]) -> list[Tile]:
         Tile(str(len(manifest.classes)), ("classes",)),
         Tile(f"{len(seen):,}", ("objects",)),
         median or Tile("–", ("points of a cloud",)),
-        Tile(f"{megabytes:,.0f} MB", ("of points, memory-mapped",)),
+        Tile(f"{megabytes:,.0f} MB" if megabytes >= 10 else f"{number(megabytes)} MB", ("of points, memory-mapped",)),
     ]
 
 
