@@ -27,7 +27,8 @@ setup(
         Extension(
             f"{folder.replace('/', '.')}._kernels",
             sorted(glob(f"{folder}/csrc/*.c")),
-            depends=glob(f"{folder}/csrc/*.h"),
+            include_dirs=["csrc"],
+            depends=glob(f"{folder}/csrc/*.h") + glob("csrc/*.h"),
             optional=True,  # without a compiler the package still installs, and does the same without them
         )
         for folder in FOLDERS

@@ -103,7 +103,7 @@ install_opencv_libraries() {
 }
 
 # What the environment and the kernels in it were made from; a change makes them anew.
-kernels() { echo "$(cat setup.py grasping/curvature_planner/csrc/* pec/preprocessing/csrc/* | sha256sum | cut -c1-16) $(command -v gcc)"; }
+kernels() { echo "$(cat setup.py csrc/* grasping/curvature_planner/csrc/* pec/preprocessing/csrc/* | sha256sum | cut -c1-16) $(command -v gcc)"; }
 wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
 if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     [ -x .venv/bin/python ] && .venv/bin/python -m pip --version >/dev/null 2>&1 || make_venv

@@ -61,7 +61,7 @@ def files(root: Path, *folders: str) -> set[str]:
 
 
 def test_the_sdist_holds_every_file_of_the_packages_the_configs_and_the_tests(source: Path, sdist: Path) -> None:
-    folders = (*PACKAGES, "conf", "scripts", "tests")
+    folders = (*PACKAGES, "conf", "csrc", "scripts", "tests")
     assert files(sdist, *folders) == files(source, *folders)
     assert {"README.md", "LICENSE", "pyproject.toml", "setup.py"} <= {path.name for path in sdist.iterdir()}
 

@@ -1,4 +1,4 @@
-/* profiles.scan: where two fingers that come straight in can stand beside an object. */
+/* finger_scan.scan: where two fingers that come straight in can stand beside an object. */
 #include "planner.h"
 
 #include <math.h>

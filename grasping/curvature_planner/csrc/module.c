@@ -1,58 +1,29 @@
-/* The Python side of the compiled kernels: sizes and types are checked here, so that the kernels can trust them.
- * Arrays come in through the buffer protocol: no header of NumPy is needed, and none of its versions preferred. */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-
+/* The Python side of the compiled kernels. */
+#include "array_arguments.h"
 #include "planner.h"
 
-#include <string.h>
-
-/* Raised whenever a function here takes or returns something else; grasping/kernels.py names the one that it knows. */
+/* Raised whenever a function here takes or returns something else; compiled_backend.py names the one that it knows. */
 #define INTERFACE 5
 
-#define MOST_BUFFERS 12
-
-/* The buffers that one call holds. */
-typedef struct {
-    Py_buffer views[MOST_BUFFERS];
-    int count;
-} Held;
-
-static void release(Held *held)
-{
-    while (held->count > 0)
-        PyBuffer_Release(&held->views[--held->count]);
-}
-
 /* A contiguous array of `ndim` dimensions, the first of this length unless that is −1; NULL with an error if not. */
-static Py_buffer *array(Held *held, PyObject *from, const char *name, const char *formats, int ndim, Py_ssize_t first,
-                        int writable)
+static Py_buffer *array(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim,
+                        Py_ssize_t first, int writable)
 {
-    Py_buffer *view = &held->views[held->count];
-    if (PyObject_GetBuffer(from, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0)) < 0)
-        return NULL;
-    held->count++;
-    if (!view->format || strlen(view->format) != 1 || !strchr(formats, view->format[0]) || view->itemsize != 8)
-        PyErr_Format(PyExc_TypeError, "%s: items of another type", name);
-    else if (view->ndim != ndim || (first >= 0 && view->shape[0] != first))
-        PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);
-    else
-        return view;
-    return NULL;
+    return array_argument(arrays, from, name, formats, ndim, 0, first, writable);
 }
 
-static const double *numbers(Held *held, PyObject *from, const char *name, Py_ssize_t *count)
+static const double *numbers(Arrays *arrays, PyObject *from, const char *name, Py_ssize_t *count)
 {
-    Py_buffer *view = array(held, from, name, "d", 1, *count, 0);
+    Py_buffer *view = array(arrays, from, name, "d", 1, *count, 0);
     if (!view)
         return NULL;
     *count = view->shape[0];
     return view->buf;
 }
 
-static int points(Held *held, PyObject *from, const char *name, Points *out)
+static int points(Arrays *arrays, PyObject *from, const char *name, Points *out)
 {
-    Py_buffer *view = array(held, from, name, "d", 2, 3, 0);
+    Py_buffer *view = array(arrays, from, name, "d", 2, 3, 0);
     if (!view)
         return 0;
     const double *data = view->buf;
@@ -71,10 +42,10 @@ static PyObject *failure(ptrdiff_t code)
 }
 
 /* A cloud of at least one point, and its axes. */
-static int cloud_and_axes(Held *held, PyObject *cloud, PyObject *axes, Points *on, const double **turn)
+static int cloud_and_axes(Arrays *arrays, PyObject *cloud, PyObject *axes, Points *on, const double **turn)
 {
     Py_buffer *view;
-    if (!points(held, cloud, "cloud", on) || !(view = array(held, axes, "axes", "d", 2, 3, 0)))
+    if (!points(arrays, cloud, "cloud", on) || !(view = array(arrays, axes, "axes", "d", 2, 3, 0)))
         return 0;
     *turn = view->buf;
     if (on->count >= 1 && view->shape[1] == 3)
@@ -90,17 +61,17 @@ static PyObject *across(PyObject *self, PyObject *arguments)
     double cell, axis[2];
     if (!PyArg_ParseTuple(arguments, "OOd", &cloud, &axes, &cell))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Points on;
     const double *turn;
-    if (cloud_and_axes(&held, cloud, axes, &on, &turn)) {
+    if (cloud_and_axes(&arrays, cloud, axes, &on, &turn)) {
         int code;
         Py_BEGIN_ALLOW_THREADS
         code = short_side(on, turn, cell, axis);
         Py_END_ALLOW_THREADS
         answer = code ? failure(code) : Py_BuildValue("dd", axis[0], axis[1]);
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -111,11 +82,11 @@ static PyObject *thin(PyObject *self, PyObject *arguments)
     double box;
     if (!PyArg_ParseTuple(arguments, "OOdO", &cloud, &axes, &box, &thinned))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Points on;
     const double *turn;
     Py_buffer *out;
-    if (cloud_and_axes(&held, cloud, axes, &on, &turn) && (out = array(&held, thinned, "thinned", "d", 2, 3, 1))) {
+    if (cloud_and_axes(&arrays, cloud, axes, &on, &turn) && (out = array(&arrays, thinned, "thinned", "d", 2, 3, 1))) {
         if (out->shape[1] != on.count) {
             PyErr_SetString(PyExc_ValueError, "thinned: a column for each point is needed");
         } else {
@@ -126,7 +97,7 @@ static PyObject *thin(PyObject *self, PyObject *arguments)
             answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -137,11 +108,11 @@ static PyObject *place(PyObject *self, PyObject *arguments)
     double table_height, cell, middle[3], centre[2];
     if (!PyArg_ParseTuple(arguments, "OOddO", &cloud, &axes, &table_height, &cell, &local))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Points on;
     const double *turn;
     Py_buffer *out;
-    if (cloud_and_axes(&held, cloud, axes, &on, &turn) && (out = array(&held, local, "local", "d", 2, 3, 1))) {
+    if (cloud_and_axes(&arrays, cloud, axes, &on, &turn) && (out = array(&arrays, local, "local", "d", 2, 3, 1))) {
         if (out->shape[1] != on.count) {
             PyErr_SetString(PyExc_ValueError, "local: a column for each point is needed");
         } else {
@@ -153,7 +124,7 @@ static PyObject *place(PyObject *self, PyObject *arguments)
                           : Py_BuildValue("ddddd", middle[0], middle[1], middle[2], centre[0], centre[1]);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -169,17 +140,17 @@ static PyObject *scan(PyObject *self, PyObject *arguments)
     if (!(settings.pad_width > 0.0) || settings.finger < 1 || settings.wished < settings.finger ||
         settings.wished > 1000000)
         return PyErr_Format(PyExc_ValueError, "pad_width, finger or wished is out of range");
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Points on, around;
     Py_buffer *out;
     PyObject *answer = NULL;
     settings.tip_count = settings.heading_count = -1;
-    if (points(&held, object, "object", &on) && points(&held, others, "others", &around) &&
-        (settings.tips = numbers(&held, tips, "tips", &settings.tip_count)) &&
-        (settings.headings = numbers(&held, headings, "headings", &settings.heading_count)) &&
-        (settings.cosines = numbers(&held, cosines, "cosines", &settings.heading_count)) &&
-        (settings.sines = numbers(&held, sines, "sines", &settings.heading_count)) &&
-        (out = array(&held, holds, "holds", "d", 2, HOLD_TERMS, 1))) {
+    if (points(&arrays, object, "object", &on) && points(&arrays, others, "others", &around) &&
+        (settings.tips = numbers(&arrays, tips, "tips", &settings.tip_count)) &&
+        (settings.headings = numbers(&arrays, headings, "headings", &settings.heading_count)) &&
+        (settings.cosines = numbers(&arrays, cosines, "cosines", &settings.heading_count)) &&
+        (settings.sines = numbers(&arrays, sines, "sines", &settings.heading_count)) &&
+        (out = array(&arrays, holds, "holds", "d", 2, HOLD_TERMS, 1))) {
         if (out->shape[1] != MEASURED) {
             PyErr_Format(PyExc_ValueError, "holds: %d columns are needed", MEASURED);
         } else {
@@ -191,7 +162,7 @@ static PyObject *scan(PyObject *self, PyObject *arguments)
             answer = code ? failure(code) : Py_BuildValue("ndd", result.count, result.too_wide, result.narrowest);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -211,16 +182,16 @@ static PyObject *rank(PyObject *self, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "OOOnddOOO", &object, &others, &holds, &count, &centre_x, &centre_y, &terms,
                           &ranked, &problems))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Points on, around;
     Py_buffer *coarse, *out, *refusals;
     const double *numbered;
     PyObject *answer = NULL;
-    if (points(&held, object, "object", &on) && points(&held, others, "others", &around) &&
-        (coarse = array(&held, holds, "holds", "d", 2, HOLD_TERMS, 0)) &&
-        (numbered = numbers(&held, terms, "rules", &length)) &&
-        (out = array(&held, ranked, "ranked", "d", 2, RANKED_TERMS, 1)) &&
-        (refusals = array(&held, problems, "problems", "lq", 1, MOST_TRIED, 1))) {
+    if (points(&arrays, object, "object", &on) && points(&arrays, others, "others", &around) &&
+        (coarse = array(&arrays, holds, "holds", "d", 2, HOLD_TERMS, 0)) &&
+        (numbered = numbers(&arrays, terms, "rules", &length)) &&
+        (out = array(&arrays, ranked, "ranked", "d", 2, RANKED_TERMS, 1)) &&
+        (refusals = array(&arrays, problems, "problems", "lq", 1, MOST_TRIED, 1))) {
         const Py_ssize_t stride = coarse->shape[1];
         Rules rules;
         memcpy(&rules, numbered, sizeof(rules));
@@ -235,7 +206,7 @@ static PyObject *rank(PyObject *self, PyObject *arguments)
             answer = found < 0 ? failure(found) : Py_BuildValue("nn", found, refused);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -249,17 +220,17 @@ static PyObject *survey(PyObject *self, PyObject *arguments)
         return NULL;
     if (!(slab_height > 0.0))
         return PyErr_Format(PyExc_ValueError, "slab_height must be positive");
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Points on;
     Py_buffer *orders, *table, *measured;
     Py_ssize_t count = -1;
     const double *xs, *ys;
     PyObject *answer = NULL;
-    if (points(&held, object, "object", &on) && (xs = numbers(&held, hold_x, "hold_x", &count)) &&
-        (ys = numbers(&held, hold_y, "hold_y", &count)) &&
-        (orders = array(&held, order, "order", "lq", 1, on.count, 1)) &&
-        (table = array(&held, parts, "parts", "lq", 2, on.count, 1)) &&
-        (measured = array(&held, measures, "measures", "d", 2, on.count, 1))) {
+    if (points(&arrays, object, "object", &on) && (xs = numbers(&arrays, hold_x, "hold_x", &count)) &&
+        (ys = numbers(&arrays, hold_y, "hold_y", &count)) &&
+        (orders = array(&arrays, order, "order", "lq", 1, on.count, 1)) &&
+        (table = array(&arrays, parts, "parts", "lq", 2, on.count, 1)) &&
+        (measured = array(&arrays, measures, "measures", "d", 2, on.count, 1))) {
         if (table->shape[1] != PART_COUNTS || measured->shape[1] != PART_MEASURES) {
             PyErr_Format(PyExc_ValueError, "parts, measures: %d and %d columns are needed", PART_COUNTS, PART_MEASURES);
         } else {
@@ -270,7 +241,7 @@ static PyObject *survey(PyObject *self, PyObject *arguments)
             answer = found < 0 ? failure(found) : PyLong_FromSsize_t(found);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -278,9 +249,9 @@ static PyMethodDef methods[] = {
     {"short_side", across, METH_VARARGS, "See projection.short_side: returns the direction."},
     {"thin", thin, METH_VARARGS, "See projection.thin: fills `thinned`, returns the number of points."},
     {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns middle and centre."},
-    {"scan", scan, METH_VARARGS, "See profiles.scan: fills `holds`, returns (count, too_wide, narrowest)."},
+    {"scan", scan, METH_VARARGS, "See finger_scan.scan: fills `holds`, returns (count, too_wide, narrowest)."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
-    {"survey", survey, METH_VARARGS, "See survey.measured_parts: fills `order`, `parts` and `measures`, returns their number."},
+    {"survey", survey, METH_VARARGS, "See region_report.measured_parts: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},
 };
 
@@ -293,8 +264,8 @@ static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};
 
 static struct PyModuleDef definition = {
     .m_base = PyModuleDef_HEAD_INIT,
-    .m_name = "grasping._kernels",
-    .m_doc = "The compiled half of the planner's hot path. grasping/kernels.py is its only caller.",
+    .m_name = "grasping.curvature_planner._kernels",
+    .m_doc = "The compiled half of the planner's hot path. compiled_backend.py is its only caller.",
     .m_methods = methods,
     .m_slots = slots,
 };

@@ -1,42 +1,18 @@
-/* The Python side of the compiled kernels: sizes and types are checked here, so that the kernels can trust them.
- * Arrays come in through the buffer protocol: no header of NumPy is needed, and none of its versions preferred. */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-
+/* The Python side of the compiled kernels. */
+#include "array_arguments.h"
 #include "preprocessing.h"
 
-#include <string.h>
-
-/* Raised whenever a function here takes or returns something else; pec/kernels.py names the one that it knows. */
+/* Raised whenever a function here takes or returns something else; compiled.py names the one that it knows. */
 #define INTERFACE 1
 
-#define MOST_BUFFERS 4
-
-/* The buffers that one call holds. */
-typedef struct {
-    Py_buffer views[MOST_BUFFERS];
-    int count;
-} Held;
-
-static void release(Held *held)
+/* A contiguous array of `ndim` dimensions with something in it, the last of length 3 unless there is but one; NULL with
+ * an error if not. */
+static Py_buffer *array(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim, int writable)
 {
-    while (held->count > 0)
-        PyBuffer_Release(&held->views[--held->count]);
-}
-
-/* A contiguous array of `ndim` dimensions, the last of length 3 unless there is but one; NULL with an error if not. */
-static Py_buffer *array(Held *held, PyObject *from, const char *name, const char *formats, int ndim, int writable)
-{
-    Py_buffer *view = &held->views[held->count];
-    if (PyObject_GetBuffer(from, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0)) < 0)
-        return NULL;
-    held->count++;
-    if (!view->format || strlen(view->format) != 1 || !strchr(formats, view->format[0]))
-        PyErr_Format(PyExc_TypeError, "%s: items of another type", name);
-    else if (view->ndim != ndim || view->shape[0] < 1 || (ndim > 1 && view->shape[ndim - 1] != 3))
-        PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);
-    else
+    Py_buffer *view = array_argument(arrays, from, name, formats, ndim, ndim - 1, ndim > 1 ? 3 : -1, writable);
+    if (!view || view->shape[0] >= 1)
         return view;
+    PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);
     return NULL;
 }
 
@@ -47,9 +23,10 @@ static PyObject *sample(PyObject *self, PyObject *arguments)
     Py_ssize_t start;
     if (!PyArg_ParseTuple(arguments, "OnO", &points, &start, &sampled))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Py_buffer *cloud, *out;
-    if ((cloud = array(&held, points, "points", "fd", 2, 0)) && (out = array(&held, sampled, "sampled", "f", 2, 1))) {
+    if ((cloud = array(&arrays, points, "points", "fd", 2, 0)) &&
+        (out = array(&arrays, sampled, "sampled", "f", 2, 1))) {
         if (out->shape[0] > cloud->shape[0] || start < -1 || start >= cloud->shape[0]) {
             PyErr_SetString(PyExc_ValueError, "sampled or start: the cloud has fewer points");
         } else {
@@ -60,7 +37,7 @@ static PyObject *sample(PyObject *self, PyObject *arguments)
             answer = code < 0 ? PyErr_NoMemory() : PyBool_FromLong(code);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -71,9 +48,9 @@ static PyObject *group(PyObject *self, PyObject *arguments)
     Py_ssize_t size;
     if (!PyArg_ParseTuple(arguments, "OnO", &points, &size, &order))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Py_buffer *cloud, *out;
-    if ((cloud = array(&held, points, "points", "f", 2, 0)) && (out = array(&held, order, "order", "lq", 1, 1))) {
+    if ((cloud = array(&arrays, points, "points", "f", 2, 0)) && (out = array(&arrays, order, "order", "lq", 1, 1))) {
         const Py_ssize_t n = cloud->shape[0];
         char *taken;
         if (out->shape[0] != n || size < 1 || n % size) {
@@ -88,7 +65,7 @@ static PyObject *group(PyObject *self, PyObject *arguments)
             answer = Py_NewRef(Py_None);
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -99,10 +76,11 @@ static PyObject *arrange(PyObject *self, PyObject *arguments)
     int principal, each_axis;
     if (!PyArg_ParseTuple(arguments, "OOOppO", &candidates, &anchors, &signs, &principal, &each_axis, &arranged))
         return NULL;
-    Held held = {.count = 0};
+    Arrays arrays = {.count = 0};
     Py_buffer *cloud, *at, *views, *out;
-    if ((cloud = array(&held, candidates, "candidates", "f", 2, 0)) && (at = array(&held, anchors, "anchors", "f", 2, 0)) &&
-        (views = array(&held, signs, "signs", "f", 2, 0)) && (out = array(&held, arranged, "arranged", "f", 3, 1))) {
+    if ((cloud = array(&arrays, candidates, "candidates", "f", 2, 0)) &&
+        (at = array(&arrays, anchors, "anchors", "f", 2, 0)) && (views = array(&arrays, signs, "signs", "f", 2, 0)) &&
+        (out = array(&arrays, arranged, "arranged", "f", 3, 1))) {
         if (out->shape[0] != views->shape[0] || out->shape[1] != at->shape[0]) {
             PyErr_SetString(PyExc_ValueError, "arranged: a row for each sign and anchor is needed");
         } else {
@@ -114,7 +92,7 @@ static PyObject *arrange(PyObject *self, PyObject *arguments)
             answer = code ? Py_NewRef(Py_None) : PyErr_NoMemory();
         }
     }
-    release(&held);
+    release(&arrays);
     return answer;
 }
 
@@ -134,8 +112,8 @@ static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};
 
 static struct PyModuleDef definition = {
     .m_base = PyModuleDef_HEAD_INIT,
-    .m_name = "pec._kernels",
-    .m_doc = "The compiled half of preprocessing one cloud. pec/kernels.py is its only caller.",
+    .m_name = "pec.preprocessing._kernels",
+    .m_doc = "The compiled half of preprocessing one cloud. compiled.py is its only caller.",
     .m_methods = methods,
     .m_slots = slots,
 };
