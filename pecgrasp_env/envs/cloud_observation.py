@@ -1,4 +1,4 @@
-"""A cloud of a fixed number of points for learning agents, sampled from a depth picture.
+"""A cloud of a fixed number of points for learning agents, sampled from a depth frame.
 
 Which points are taken is a hash of the episode's seed, the step and the pixel: the same on every device, for every
 number of sub-environments, and without a generator's state to carry along.

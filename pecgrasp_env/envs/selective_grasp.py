@@ -152,13 +152,13 @@ class SelectiveGraspEnv(BaseEnv):
     | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
     | `friction` | None | limits between which each object's friction is drawn; None: 0.6 |
     | `mass_scale` | None | limits of what each object's mass is multiplied by; not below 20 g |
-    | `light` | "fixed" | "random": lamp's direction and strength of the light, for pictures in colour |
+    | `light` | "fixed" | "random": lamp's direction and strength of the light, for colour images |
     | `sensor` | "ideal" | "ideal": noise-free depth beyond the minimum distance; "d435": with the camera's faults |
     | `resolution` | "424x240" | depth mode of the D435, see `pecgrasp_env.sensor.D435` |
     | `cloud_points` | 1024 | points of the observation mode `cloud` |
     | `reconfiguration_freq` | 1 with one sub-environment, else 0 | resets between draws of new objects; 0: draw once |
 
-    and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for pictures. Arguments that make no
+    and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for images. Arguments that make no
     sense raise `TaskError`; objects that do not fit on the table, `PlacementError` at the reset. A state
     (`get_state_dict`, `get_state`) holds the task's memory, too; it fits the objects of its own episode.
     `num_envs` > 1 needs a GPU (`physx_cuda`; written for, never run there); on a CPU `SelectiveGraspSingle-v1` with
@@ -207,7 +207,7 @@ class SelectiveGraspEnv(BaseEnv):
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
         intrinsics = self.sensing.intrinsics
-        # Light is computed only where somebody looks at pictures; point clouds carry the plain colours.
+        # Light is computed only where colour is observed; point clouds carry the plain colours.
         shader = LIT if "rgb" in (obs_mode or "") else UNLIT
         camera = {
             "width": intrinsics.width,

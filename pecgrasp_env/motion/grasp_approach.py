@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
-from pecgrasp_env.motion.collision import Clearance
-from pecgrasp_env.motion.trajectory import LARGEST_JOINT_STEP, LINE_STEP_M, MotionError, unwound, within_limits, wrapped
+from pecgrasp_env.motion.clearance import Clearance
+from pecgrasp_env.motion.joint_path import LARGEST_JOINT_STEP, LINE_STEP_M, MotionError, unwound, within_limits, wrapped
 from pecgrasp_env.robot import tool0_from_grasp
 from pecgrasp_env.robot.batch_kinematics import BRANCHES, inverse_kinematics_batch, nearest_turns
 from pecgrasp_env.robot.kinematics import HOME, UP
@@ -23,7 +23,7 @@ _FREE_M = 0.06  # lifted so far, an object is clear of the table's friction and 
 _CARRY_RADIUS_M = 0.60
 _TRIED_GRASPS = 24
 _AT_ONCE = 2  # grasps whose paths are computed together: mostly one of the first can be carried out
-_TRIED_WAYS = 4  # for one grasp
+_TRIED_PATHS = 4  # for one grasp
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Approach:
 
 
 @dataclass(frozen=True)
-class _Way:
-    """A grasp, how it is held, and the tool's way: T_base_tool0 there, standoff [m] before it."""
+class _Candidate:
+    """A grasp in one of its two closing directions: T_base_tool0 there, standoff [m] of the pre-grasp before it."""
 
     grasp: Grasp
     T_base_grasp: np.ndarray
@@ -75,12 +75,12 @@ def plan_approach(
         height = clearance.top + _OVER_OBJECTS_M if over_all else 0.0
         for first in range(0, min(len(plan.candidates), _TRIED_GRASPS), _AT_ONCE):
             grasps = plan.candidates[first : min(first + _AT_ONCE, _TRIED_GRASPS)]
-            ways = [way for grasp in grasps for way in _ways(grasp, plane, height)]
-            paths, down = _paths(ways)
+            candidates = [candidate for grasp in grasps for candidate in _both_directions(grasp, plane, height)]
+            paths, down = _paths(candidates)
             paths = unwound(nearest_turns(paths, q_now))
-            for k in range(0, len(ways), 2):
+            for k in range(0, len(candidates), 2):
                 try:
-                    return _first_free(ways[k : k + 2], paths[k : k + 2], down, clearance, tight, q_now)
+                    return _first_free(candidates[k : k + 2], paths[k : k + 2], down, clearance, tight, q_now)
                 except MotionError as error:
                     problem = problem or error
     raise problem or MotionError("no grasp to go to")
@@ -90,8 +90,8 @@ def grasp_to_carry_out(grasp: Grasp, plane: np.ndarray | None) -> tuple[np.ndarr
     """T_base_grasp (4, 4) with the fingertips clear of the table, T_base_tool0 (4, 4) there, and the opening [m] to
     come in with; plane (4,): the table, or None for z = 0.
     """
-    way = _ways(grasp, np.array([0.0, 0.0, 1.0, 0.0]) if plane is None else plane, 0.0)[0]
-    return way.T_base_grasp, way.T_base_tool0, _opening_of(grasp)
+    candidate = _both_directions(grasp, np.array([0.0, 0.0, 1.0, 0.0]) if plane is None else plane, 0.0)[0]
+    return candidate.T_base_grasp, candidate.T_base_tool0, _opening_of(grasp)
 
 
 def _opening_of(grasp: Grasp) -> float:
@@ -112,8 +112,8 @@ def clear_of_table(T_base_grasp: np.ndarray, width: float, plane: np.ndarray) ->
     return result
 
 
-def _ways(grasp: Grasp, plane: np.ndarray, travel_height: float) -> list[_Way]:
-    """Both ways round to hold it; the pre-grasp is so far back that the fingertips pass over `travel_height`."""
+def _both_directions(grasp: Grasp, plane: np.ndarray, travel_height: float) -> list[_Candidate]:
+    """The grasp and itself turned half round; the pre-grasp is so far back that the tips pass over `travel_height`."""
     hand = ROBOTIQ_2F_140
     result = []
     for T in (np.asarray(grasp.pose), grasp.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])):
@@ -122,17 +122,17 @@ def _ways(grasp: Grasp, plane: np.ndarray, travel_height: float) -> list[_Way]:
         descent = max(-float(T_grasp[:3, 2] @ plane[:3]), 0.3)
         standoff = max(_STANDOFF_M, (travel_height - float(tip)) / descent)
         T_tool0 = tool0_from_grasp(T_grasp, min(max(grasp.width, 0.0), hand.stroke))
-        result.append(_Way(grasp, T_grasp, T_tool0, standoff))
+        result.append(_Candidate(grasp, T_grasp, T_tool0, standoff))
     return result
 
 
-def _paths(ways: list[_Way]) -> tuple[np.ndarray, int]:
+def _paths(candidates: list[_Candidate]) -> tuple[np.ndarray, int]:
     """Postures (W, 8, K, 6) from the pre-grasp down and up again, of all branches, NaN out of reach; and how many of
     the K lead to the grasp.
     """
-    down = 1 + int(np.ceil(max(way.standoff for way in ways) / LINE_STEP_M))
+    down = 1 + int(np.ceil(max(candidate.standoff for candidate in candidates) / LINE_STEP_M))
     up = int(np.ceil(LIFT_M / LINE_STEP_M))
-    at_grasp = np.array([way.T_base_tool0 for way in ways])
+    at_grasp = np.array([candidate.T_base_tool0 for candidate in candidates])
     place, approach = at_grasp[:, :3, 3], at_grasp[:, :3, 2]
     # Straight up; where the arm does not reach that high, up a little and then up and inwards.
     off, top = place + _FREE_M * UP, place + LIFT_M * UP
@@ -141,7 +141,7 @@ def _paths(ways: list[_Way]) -> tuple[np.ndarray, int]:
     far = np.isnan(inverse_kinematics_batch(highest)).any(axis=2).all(axis=1)
     inwards = np.minimum(1.0, _CARRY_RADIUS_M / np.hypot(top[:, 0], top[:, 1]))
     top[far, :2] *= inwards[far, None]
-    back = np.array([way.standoff for way in ways])[:, None] * np.linspace(1.0, 0.0, down)
+    back = np.array([candidate.standoff for candidate in candidates])[:, None] * np.linspace(1.0, 0.0, down)
     free = max(1, int(np.ceil(up * _FREE_M / LIFT_M)))
     rise = np.linspace(0.0, 1.0, free + 1)[1:, None]
     carry = np.linspace(0.0, 1.0, up - free + 1)[1:, None]
@@ -156,35 +156,36 @@ def _paths(ways: list[_Way]) -> tuple[np.ndarray, int]:
     poses = np.repeat(at_grasp[:, None], positions.shape[1], axis=1)
     poses[..., :3, 3] = positions
     branches = inverse_kinematics_batch(poses.reshape(-1, 4, 4))
-    return branches.reshape(len(ways), -1, BRANCHES, 6).swapaxes(1, 2), down
+    return branches.reshape(len(candidates), -1, BRANCHES, 6).swapaxes(1, 2), down
 
 
 def _first_free(
-    ways: list[_Way], paths: np.ndarray, down: int, clearance: Clearance, tight: bool, q_now: np.ndarray
+    candidates: list[_Candidate], paths: np.ndarray, down: int, clearance: Clearance, tight: bool, q_now: np.ndarray
 ) -> Approach:
-    """The nearest of the ways (W) and branches, paths (W, 8, K, 6), that is reachable and free."""
-    grasp = ways[0].grasp
+    """The nearest of the candidates (W) and branches, paths (W, 8, K, 6), that is reachable and free."""
+    grasp = candidates[0].grasp
     with np.errstate(invalid="ignore"):
         reachable = (np.abs(np.diff(paths, axis=2)).max(axis=(2, 3)) < LARGEST_JOINT_STEP) & within_limits(paths).all(2)
     if not reachable.any():
         raise MotionError(f"the grasp at {np.round(grasp.pose[:3, 3], 3)} m is out of reach")
     start = paths[:, :, 0]
-    # Near the home posture the elbow stays up; then a short way to go.
+    # Near the home posture the elbow stays up; then a short path.
     cost = np.abs(wrapped(start - HOME)).sum(axis=2) + 0.3 * np.abs(start - q_now).max(axis=2)
     order = np.argsort(np.where(reachable, cost, np.inf), axis=None, kind="stable")
     opening = _opening_of(grasp)
     problem: MotionError | None = None
-    for index in order[: min(_TRIED_WAYS, int(reachable.sum()))]:
+    for index in order[: min(_TRIED_PATHS, int(reachable.sum()))]:
         w, branch = divmod(int(index), BRANCHES)
         path = paths[w, branch]
         trouble = clearance.trouble_at_object(path, opening, tight)
         try:
             if trouble is not None:
                 raise MotionError(trouble)
-            there = clearance.way(q_now, path[0])
+            there = clearance.free_path(q_now, path[0])
         except MotionError as error:
             problem = problem or error
             continue
-        way = ways[w]
-        return Approach(grasp, opening, way.T_base_grasp, way.T_base_tool0, there, path[:down], path[down - 1 :])
+        candidate = candidates[w]
+        T_base_grasp, T_base_tool0 = candidate.T_base_grasp, candidate.T_base_tool0
+        return Approach(grasp, opening, T_base_grasp, T_base_tool0, there, path[:down], path[down - 1 :])
     raise problem or MotionError("no way to the grasp")

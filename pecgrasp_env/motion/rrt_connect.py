@@ -1,4 +1,4 @@
-"""A collision-free way between two postures: straight where that is free, else over a posture above, else RRT-Connect.
+"""A collision-free path between two postures: straight where that is free, else over a posture above, else RRT-Connect.
 
 RRT-Connect: Kuffner and LaValle, "RRT-Connect: an efficient approach to single-query path planning" (ICRA 2000). Its
 random numbers come from a fixed seed, so the same question has the same answer.
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from pecgrasp_env.motion.trajectory import MotionError
+from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.robot.kinematics import JOINT_LIMITS
 
 Free = Callable[[np.ndarray], np.ndarray]  # postures (N, 6) → (N,) bool: whether each is free
@@ -22,24 +22,24 @@ _SAMPLES = 300
 _SHORTCUTS = 40
 
 
-class NoWayError(MotionError):
+class NoPathError(MotionError):
     """No free path was found between two postures."""
 
 
 def free_path(q_start: np.ndarray, q_goal: np.ndarray, free: Free, over: Iterable[np.ndarray] = ()) -> np.ndarray:
     """Joint waypoints (K, 6), K ≥ 2, from one posture to another through free postures.
 
-    The start may be in the way of something, as a hand among objects is: what follows it must be free.
+    The start may touch something, as a hand among objects does: what follows it must be free.
 
     Args:
         over: postures (6,) to go over, tried one after another before the search.
 
     Raises:
-        NoWayError: the goal is not free, or the search found nothing.
+        NoPathError: the goal is not free, or the search found nothing.
     """
     q_start, q_goal = np.asarray(q_start, float), np.asarray(q_goal, float)
     if not free(q_goal[None])[0]:
-        raise NoWayError("something is in the way where the arm should go")
+        raise NoPathError("something is in the way where the arm should go")
     if free_between(q_start, q_goal, free):
         return np.stack([q_start, q_goal])
     for q in over:
@@ -49,12 +49,12 @@ def free_path(q_start: np.ndarray, q_goal: np.ndarray, free: Free, over: Iterabl
 
 
 def free_between(a: np.ndarray, b: np.ndarray, free: Free) -> bool:
-    """Whether the straight way in joint space, but for its start, is free."""
+    """Whether the straight line in joint space, but for its start, is free."""
     return bool(free(between(a, b)).all())
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Postures (N, 6), N ≥ 1, on the straight way from a to b, without a and with b."""
+    """Postures (N, 6), N ≥ 1, on the straight line from a to b, without a and with b."""
     count = max(1, int(np.ceil(np.abs(b - a).max() / STEP_RAD)))
     return a + (b - a) * (np.arange(1, count + 1) / count)[:, None]
 
@@ -68,9 +68,9 @@ class _Tree:
         """Grow from the nearest node as far as it is free; whether it got there."""
         nearest = int(np.square(np.array(self.nodes) - towards).sum(axis=1).argmin())
         start = self.nodes[nearest]
-        way = towards - start
-        length = np.abs(way).max()
-        end = towards if length <= reach else start + way * (reach / length)
+        step = towards - start
+        length = np.abs(step).max()
+        end = towards if length <= reach else start + step * (reach / length)
         steps = between(start, end)
         good = free(steps)
         last = len(steps) if good.all() else int(good.argmin())
@@ -101,11 +101,11 @@ def _connect(q_start: np.ndarray, q_goal: np.ndarray, free: Free) -> np.ndarray:
         if len(one.nodes) > before and other.grow(one.nodes[-1], free, np.inf):
             there, back = (one, other) if one is trees[0] else (other, one)
             return np.array(there.path() + back.path()[-2::-1])
-    raise NoWayError("no way round what is on the table was found")
+    raise NoPathError("no way round what is on the table was found")
 
 
 def _shortened(path: np.ndarray, free: Free) -> np.ndarray:
-    """The path without what a straight way between two of its postures leaves out."""
+    """The path without what a straight line between two of its postures leaves out."""
     rng = np.random.default_rng(0)
     for _ in range(_SHORTCUTS):
         if len(path) == 2:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.motion.trajectory import MotionError, straight_line, time_law
+from pecgrasp_env.motion.joint_path import MotionError, straight_line
+from pecgrasp_env.motion.trajectory import time_law
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.robot.kinematics import forward_kinematics
 

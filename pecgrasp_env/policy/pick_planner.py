@@ -9,7 +9,7 @@ import numpy as np
 
 from grasping import GraspPlan, Segmenter
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
-from pecgrasp_env.motion.trajectory import MotionError
+from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasping import ROBOTIQ_2F_140, CurvaturePlanner, Segmenter
-from pecgrasp_env.motion.collision import Clearance
+from pecgrasp_env.motion.clearance import Clearance
 from pecgrasp_env.motion.grasp_approach import Approach
-from pecgrasp_env.motion.trajectory import MotionError
+from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
@@ -187,7 +187,7 @@ class ScriptedPolicy:
         if view is not None and view.plane is not None:
             seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
             try:
-                return Clearance(np.zeros((0, 3)), seen, view.plane).way(q_start, q_goal)
+                return Clearance(np.zeros((0, 3)), seen, view.plane).free_path(q_start, q_goal)
             except MotionError:
                 pass
         return np.stack([q_start, q_goal])

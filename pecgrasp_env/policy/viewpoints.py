@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pecgrasp_env.motion.trajectory import solutions_near
+from pecgrasp_env.motion.joint_path import solutions_near
 from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA
 
 # Where the camera is and what it looks at, base frame, metres.
@@ -19,7 +19,7 @@ N_VIEWPOINTS = len(_EYES)
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> np.ndarray:
     """T_base_camera (4, 4), OpenCV axes, of a camera at ``eye`` that looks at ``target`` with the robot's x axis up in
-    the picture.
+    the image.
     """
     forward = np.subtract(target, eye)
     forward /= np.linalg.norm(forward)

@@ -99,10 +99,10 @@ def _move_up(
     outline: np.ndarray, placed: Sequence[np.ndarray], anchor: np.ndarray, heading: float, gap: float
 ) -> np.ndarray:
     """The shift (2,) at which an outline that comes in towards the anchor is ``gap`` metres from the nearest one."""
-    way = np.array([np.cos(heading), np.sin(heading)])
+    direction = np.array([np.cos(heading), np.sin(heading)])
 
     def clear(distance: float) -> bool:
-        here = outline + anchor + distance * way
+        here = outline + anchor + distance * direction
         return all(separation(here, other) >= gap for other in placed)
 
     far = float(np.ptp(np.concatenate([*placed, outline]), axis=0).sum()) + np.ptp(outline, axis=0).sum() + gap
@@ -112,7 +112,7 @@ def _move_up(
     for _ in range(_BISECTIONS):
         middle = (near + far) / 2
         near, far = (near, middle) if clear(middle) else (middle, far)
-    return anchor + far * way
+    return anchor + far * direction
 
 
 def _inside(models: Sequence[ObjectModel], poses: np.ndarray, region: Region) -> bool:

@@ -1,7 +1,7 @@
 """The simulated wrist camera as ManiSkill sees it: float depth from the renderer, then the sensor model on top.
 
 SAPIEN's "trivial" shader computes no light: it is the fastest, and its positions are floats, where those of ManiSkill's
-own shader configurations are whole millimetres. Lit pictures come from ManiSkill's "minimal" shader, whose depth buffer
+own shader configurations are whole millimetres. Lit images come from ManiSkill's "minimal" shader, whose depth buffer
 is float too.
 """
 
@@ -58,12 +58,12 @@ LIT = ShaderConfig(
 
 
 def sense(
-    pictures: dict[str, torch.Tensor], camera: Camera, mode: str, generators: Sequence[np.random.Generator]
+    images: dict[str, torch.Tensor], camera: Camera, mode: str, generators: Sequence[np.random.Generator]
 ) -> dict[str, torch.Tensor]:
     """Replaces exact depth by what the sensor measures.
 
     Args:
-        pictures: of one camera, first axis the sub-environments: ``depth`` (N, H, W, 1) m and/or ``position``
+        images: of one camera, first axis the sub-environments: ``depth`` (N, H, W, 1) m and/or ``position``
             (N, H, W, 3) mm, OpenGL axes; others pass through, but where a point is missing beside ``position`` its
             ``segmentation`` is 0, which is how ManiSkill's point clouds mark points that are none.
         camera: the camera that took them, for its intrinsics.
@@ -73,8 +73,8 @@ def sense(
     Returns:
         The same keys; depth 0 and position 0 where nothing was measured.
     """
-    key = "depth" if "depth" in pictures else "position"
-    exact = pictures["depth"][..., 0] if key == "depth" else -pictures["position"][..., 2] / 1000
+    key = "depth" if "depth" in images else "position"
+    exact = images["depth"][..., 0] if key == "depth" else -images["position"][..., 2] / 1000
     intrinsics = intrinsics_of_camera(camera)
     exact_frames = exact.cpu().numpy()
     if mode == "ideal":
@@ -82,15 +82,15 @@ def sense(
     else:
         frames = [apply_d435(frame, intrinsics, rng) for frame, rng in zip(exact_frames, generators, strict=True)]
     depth = torch.from_numpy(np.stack(frames)).to(exact.device)
-    result = dict(pictures)
-    if "depth" in pictures:
+    result = dict(images)
+    if "depth" in images:
         result["depth"] = depth[..., None]
-    if "position" in pictures:
+    if "position" in images:
         # Noise moves a point along its ray.
         ratio = torch.where(exact > 0, depth / exact, torch.zeros_like(depth))
-        result["position"] = pictures["position"] * ratio[..., None]
-        if "segmentation" in pictures:
-            result["segmentation"] = pictures["segmentation"] * (depth > 0)[..., None]
+        result["position"] = images["position"] * ratio[..., None]
+        if "segmentation" in images:
+            result["segmentation"] = images["segmentation"] * (depth > 0)[..., None]
     return result
 
 

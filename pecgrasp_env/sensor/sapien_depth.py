@@ -1,8 +1,8 @@
 """Exact float depth out of a bare SAPIEN camera.
 
-ManiSkill and SAPIEN's "minimal" shader route depth through the picture `PositionSegmentation`, which is int16
+ManiSkill and SAPIEN's "minimal" shader route depth through the image `PositionSegmentation`, which is int16
 millimetres, cut towards zero. The "trivial" shader draws colour, float32 position and segmentation without any light,
-in one pass; its depth buffer is the float32 picture `GbufferDepth`, a quarter as large as `Position`. With the
+in one pass; its depth buffer is the float32 image `GbufferDepth`, a quarter as large as `Position`. With the
 projection undone, that is the depth along the optical axis, with an error below z² · 2⁻²³ / NEAR: 10 µm at 2 m. A frame
 of 424x240 with three objects takes about 1 ms with Mesa's software driver, beside 2.5 ms with "minimal" and 10 ms with
 "default".
@@ -33,7 +33,7 @@ def add_depth_camera(scene: sapien.Scene, intrinsics: CameraIntrinsics) -> sapie
 
 
 def set_intrinsics(camera: sapien.render.RenderCameraComponent, intrinsics: CameraIntrinsics) -> None:
-    """Gives the camera other focal lengths and another principal point; the size of its picture stays."""
+    """Gives the camera other focal lengths and another principal point; the size of its image stays."""
     camera.set_perspective_parameters(NEAR, FAR, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, 0.0)
 
 

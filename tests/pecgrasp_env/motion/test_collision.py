@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pecgrasp_env.motion.collision import CELL_M, Clearance, Surroundings, hits_itself
-from pecgrasp_env.motion.trajectory import MotionError
+from pecgrasp_env.motion.clearance import Clearance
+from pecgrasp_env.motion.collision import CELL_M, Surroundings, hits_itself
+from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import description, forward_kinematics
 from pecgrasp_env.robot import gripper_linkage as linkage
@@ -108,17 +109,17 @@ def test_it_goes_round_a_wall_and_says_where_it_cannot():
     start, goal = posture(0.4, -0.22, low), posture(0.4, 0.25, low)
     clearance = Clearance(NOTHING, wall, TABLE)
     empty = Clearance(NOTHING, NOTHING, TABLE)
-    assert len(empty.way(start, goal)) == 2
-    way = clearance.way(start, goal)
-    assert len(way) > 2
-    np.testing.assert_array_equal(way[[0, -1]], [start, goal])
-    np.testing.assert_array_equal(way, clearance.way(start, goal))
+    assert len(empty.free_path(start, goal)) == 2
+    path = clearance.free_path(start, goal)
+    assert len(path) > 2
+    np.testing.assert_array_equal(path[[0, -1]], [start, goal])
+    np.testing.assert_array_equal(path, clearance.free_path(start, goal))
     robot = body(linkage.STROKE)
-    fine = np.concatenate([a + (b - a) * np.linspace(0, 1, 40)[:, None] for a, b in pairwise(way)])
+    fine = np.concatenate([a + (b - a) * np.linspace(0, 1, 40)[:, None] for a, b in pairwise(path)])
     moving = robot.frame >= 2
     assert not Surroundings(wall, TABLE).hit_by(robot.at(fine)[:, moving], robot.radius[moving], 0.0).any()
     with pytest.raises(MotionError, match="in the way"):
-        clearance.way(start, posture(0.5, 0.0, low))
+        clearance.free_path(start, posture(0.5, 0.0, low))
 
 
 def test_room_at_an_object():

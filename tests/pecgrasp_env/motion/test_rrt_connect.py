@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pecgrasp_env.motion.rrt_connect import STEP_RAD, NoWayError, between, free_path
+from pecgrasp_env.motion.rrt_connect import STEP_RAD, NoPathError, between, free_path
 
 START, GOAL = np.zeros(6), np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -34,9 +34,9 @@ def test_round_a_wall_and_the_same_each_time():
 
 
 def test_a_goal_that_is_not_free_and_a_prison():
-    with pytest.raises(NoWayError, match="where the arm should go"):
+    with pytest.raises(NoPathError, match="where the arm should go"):
         free_path(START, GOAL, lambda q: q[:, 0] < 0.9)
-    with pytest.raises(NoWayError, match="no way round"):
+    with pytest.raises(NoPathError, match="no way round"):
         free_path(START, GOAL, lambda q: (q[:, 0] < 0.1) | (q[:, 0] > 0.9))
 
 

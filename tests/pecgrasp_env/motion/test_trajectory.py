@@ -7,16 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.motion.collision import Clearance
+from pecgrasp_env.motion.clearance import Clearance
 from pecgrasp_env.motion.grasp_approach import clear_of_table
-from pecgrasp_env.motion.trajectory import (
-    JOINT_ACCELERATION,
-    JOINT_SPEED,
-    MotionError,
-    straight_line,
-    time_law,
-    unwound,
-)
+from pecgrasp_env.motion.joint_path import MotionError, straight_line, unwound
+from pecgrasp_env.motion.trajectory import JOINT_ACCELERATION, JOINT_SPEED, time_law
 from pecgrasp_env.policy.viewpoints import HOME, look_at, look_postures, posture_above
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics, tool0_from_grasp
 
@@ -93,7 +87,7 @@ def test_the_views_look_at_the_table():
         T = forward_kinematics(q) @ T_TOOL0_CAMERA
         hit = T[:3, 3] - T[:3, 2] * T[2, 3] / T[2, 2]
         assert np.linalg.norm(hit[:2] - (0.5, 0.0)) < 0.03
-        assert len(Clearance(NOTHING, NOTHING, TABLE).way(HOME, q)) == 2
+        assert len(Clearance(NOTHING, NOTHING, TABLE).free_path(HOME, q)) == 2
 
 
 @pytest.mark.parametrize("place", [(0.35, 0.2), (0.6, -0.2), (0.9, 0.0)])

@@ -1,0 +1,72 @@
+"""Whether the arm has room: on its path to an object, and while it grasps it between the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grasping import ROBOTIQ_2F_140
+from pecgrasp_env.motion.collision import Surroundings, hits_itself
+from pecgrasp_env.motion.rrt_connect import free_path
+from pecgrasp_env.robot.collision_spheres import body
+from pecgrasp_env.robot.kinematics import HOME
+
+_MARGIN_M = 0.008  # from what was seen: noise, the height map's cells, and what was just not seen
+_TABLE_M = 0.010
+_ALWAYS_FREE = 2  # frames below it, base and shoulder, cannot come near the objects
+
+
+class Clearance:
+    """The room around one object.
+
+    Args:
+        points: (M, 3) of the object, base frame, m; none where the arm only moves about.
+        others: (K, 3) of all else that was seen.
+        plane: the table (4,).
+    """
+
+    def __init__(self, points: np.ndarray, others: np.ndarray, plane: np.ndarray) -> None:
+        self._others = Surroundings(others, plane)
+        self._all = Surroundings(np.concatenate([points, others]), plane) if len(points) else self._others
+
+    @property
+    def top(self) -> float:
+        """Of everything, m above the table."""
+        return self._all.top
+
+    def trouble_at_object(self, path: np.ndarray, opening: float, tight: bool) -> str | None:
+        """What speaks against a path (K, 6) down to the object and up again with the hand at an opening (m), or None.
+
+        The planner of grasps has seen to the fingertips' room and to the palm's above the object; this is about all
+        else: cranks, camera and arm. tight: without a margin to the other objects.
+        """
+        robot = body(opening)
+        centres = robot.at(path)
+        moving = (robot.frame >= _ALWAYS_FREE) & ~robot.fingertip
+        if self._others.near_table(centres[:, moving], robot.radius[moving], _TABLE_M).any():
+            return "a link would come too near the table"
+        if self._others.hit_by(centres[:, moving], robot.radius[moving], 0.0 if tight else _MARGIN_M).any():
+            return "another object is in the arm's way"
+        arm = moving & ~robot.gripper
+        if self._all.hit_by(centres[:, arm], robot.radius[arm], 0.0).any():
+            return "arm or camera would touch the object"
+        if hits_itself(robot, centres[::2]).any():
+            return "the arm would touch itself"
+        return None
+
+    def free_path(self, q_start: np.ndarray, q_goal: np.ndarray, opening: float = ROBOTIQ_2F_140.stroke) -> np.ndarray:
+        """Joint waypoints (K, 6) past everything, the hand at an opening (m) or narrower.
+
+        Raises MotionError where there is no such path.
+        """
+        robot = body(opening)
+        moving = robot.frame >= _ALWAYS_FREE
+        radius = robot.radius[moving]
+
+        def free(q: np.ndarray) -> np.ndarray:
+            centres = robot.at(q)
+            blocked = hits_itself(robot, centres)
+            blocked |= self._all.near_table(centres[:, moving], radius, _TABLE_M)
+            blocked |= self._all.hit_by(centres[:, moving], radius, _MARGIN_M)
+            return ~blocked
+
+        return free_path(q_start, q_goal, free, over=(HOME,))
