@@ -16,7 +16,7 @@ from tqdm import tqdm
 from pec.common.threads import torch_threads
 from pec.data.tensor_dataset import prepare
 from pec.errors import ConfigError, DatasetError
-from pec.experiments.grid_table import order_name, protocol_name
+from pec.experiments.grid_rows import order_name, protocol_name
 from pec.metrics import average_views, predict_log_probabilities
 from pec.statistics import mcnemar, wilson_interval
 from pec.training.finished_runs import FinishedRun, read_finished

@@ -7,113 +7,18 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pec.common.atomic_files import write_json, write_whole
 from pec.experiments.chart_files import png, standalone_svg
-from pec.experiments.charts import points_over_axes
-from pec.experiments.grid import cell_code, read_cells
+from pec.experiments.grid import cell_code
+from pec.experiments.grid_plots import grid_plots
+from pec.experiments.grid_rows import Row, differing_settings, group_of, other_settings, read_rows, size_name
 from pec.statistics import wilson_interval
-from pec.training.config import flat_settings
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["Row", "order_name", "protocol_name", "read_rows", "write_table"]
-
-
-@dataclass(frozen=True)
-class Row:
-    """Cells that differ in nothing but their seed. Lists have one value a seed that is done; accuracies in [0, 1]."""
-
-    settings: dict[str, Any]
-    """Resolved, without the seed."""
-    seeds: list[int]
-    results: list[dict[str, Any]]
-    missing: list[str]
-    """Of the seeds that are not done, which and why."""
-
-    @property
-    def points(self) -> int:
-        return self.settings["preprocess"]["n_points"]
-
-    @property
-    def model(self) -> str:
-        return self.settings["model"]["name"]
-
-    @property
-    def order(self) -> str:
-        return order_name(self.settings["preprocess"])
-
-    @property
-    def protocol(self) -> str:
-        return protocol_name(self.settings["protocol"])
-
-    @property
-    def precision(self) -> str:
-        """Of the products in training; cells that were made before there was a choice say nothing."""
-        return self.settings["protocol"].get("precision", "float32")
-
-    @property
-    def name(self) -> str:
-        name = f"{self.model}, {self.points} points, {self.order}, {self.protocol}"
-        return name if self.precision == "float32" else f"{name}, {self.precision}"
-
-    def values(self, *path: str) -> list[float]:
-        """What results.json has at `path`, of every seed that is done."""
-        found: list[Any] = list(self.results)
-        for name in path:
-            found = [value[name] for value in found]
-        return found
-
-
-def protocol_name(protocol: Mapping[str, Any]) -> str:
-    """ "honest" or "published", of `ProtocolConfig` as a mapping."""
-    return "honest" if protocol["selection"] == "validation" else "published"
-
-
-def order_name(preprocess: Mapping[str, Any]) -> str:
-    """ "groups of 16", "no grouping", or the ordering and the pose that are ours, of `Preprocess` as a mapping; and the
-    size where it is not the published one."""
-    size = _size_name(preprocess)
-    if preprocess["ordering"] == "groups":
-        return f"groups of {preprocess['group_size']}{size}"
-    if preprocess["ordering"] == "none":
-        return f"no grouping{size}"
-    return f"{preprocess['ordering']}, {preprocess['pose']} pose{size}"
-
-
-def _size_name(preprocess: Mapping[str, Any]) -> str:
-    size = preprocess.get("size", "kept")  # the default, which a configuration need not name
-    return "" if size == "kept" else f", {size} size"
-
-
-def read_rows(folder: str | os.PathLike[str]) -> list[Row]:
-    """The cells of `folder` that the present code made, joined over their seeds."""
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for cell in read_cells(folder):
-        settings = {name: value for name, value in cell["settings"].items() if name != "seed"}
-        groups.setdefault(json.dumps([settings, cell["data"]], sort_keys=True), []).append(cell)
-    rows = []
-    for cells in groups.values():
-        cells.sort(key=lambda cell: cell["settings"]["seed"])
-        done = [cell for cell in cells if cell["status"] == "done"]
-        rows.append(
-            Row(
-                {name: value for name, value in cells[0]["settings"].items() if name != "seed"},
-                [cell["settings"]["seed"] for cell in done],
-                [cell["results"] for cell in done],
-                [
-                    f"seed {cell['settings']['seed']}: {cell['error'] or cell['status']}"
-                    for cell in cells
-                    if cell["status"] != "done"
-                ],
-            )
-        )
-    return sorted(rows, key=lambda row: (row.settings["model"]["name"], row.protocol, row.points, _group(row) or 1e9))
+__all__ = ["write_table"]
 
 
 def write_table(folder: str | os.PathLike[str], title: str, published: Sequence[Mapping[str, Any]]) -> str:
@@ -129,23 +34,18 @@ def write_table(folder: str | os.PathLike[str], title: str, published: Sequence[
     write_whole(folder / "table.md", markdown)
     write_whole(folder / "table.csv", _csv(rows, figures))
     write_json(folder / "results.json", {"title": title, "code": cell_code(), "rows": _summaries(rows, figures)})
-    for name, figure in _plots(rows, figures).items():
+    for name, figure in grid_plots(rows, figures).items():
         write_whole(folder / f"{name}.svg", standalone_svg(figure))
         write_whole(folder / f"{name}.png", png(figure))
     return markdown
 
 
-def _group(row: Row) -> int | None:
-    preprocess = row.settings["preprocess"]
-    return preprocess["group_size"] if preprocess["ordering"] == "groups" else None
-
-
 def _published(row: Row, figures: Mapping[tuple[int, int | None], float]) -> float | None:
     preprocess = row.settings["preprocess"]
     as_published = preprocess["ordering"] in ("groups", "none") and preprocess["pose"] == "given"
-    if row.model != "pec" or not as_published or _size_name(preprocess):
+    if row.model != "pec" or not as_published or size_name(preprocess):
         return None
-    return figures.get((row.points, _group(row)))
+    return figures.get((row.points, group_of(row)))
 
 
 def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int | None], float]) -> str:
@@ -154,7 +54,7 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
     head += ["network ms", "raw cloud ms", "training s"]
     reduced = any(row.precision != "float32" for row in rows)
     head += ["precision"] if reduced else []
-    differing = _differing(rows)
+    differing = differing_settings(rows)
     head += ["other settings"] if differing else []
     lines = [f"# {title}", "", " | ".join(head), " | ".join(["---"] * len(head))]
     for row in rows:
@@ -180,7 +80,7 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
         else:
             fields += ["–", "0", *["–"] * 4, "–" if published is None else f"{published:g}", *["–"] * 6]
         fields += [row.precision] if reduced else []
-        fields += [_others(row, differing)] if differing else []
+        fields += [other_settings(row, differing)] if differing else []
         lines.append(" | ".join(fields))
     lines += [
         "",
@@ -257,70 +157,6 @@ def _summaries(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], flo
             }
         )
     return summaries
-
-
-def _plots(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -> dict[str, Figure]:
-    """Each plot that the rows have something to show in."""
-    done = [row for row in rows if row.results]
-    means = {id(row): 100 * fmean(row.values("best", "test_accuracy")) for row in done}
-    plots = {}
-    grouped: dict[str, list[tuple[float, float]]] = {}
-    for row in done:
-        if row.settings["preprocess"]["ordering"] in ("groups", "none"):
-            place = float(_group(row) or row.points)  # no grouping is one group of all
-            name = f"{row.model}, {row.points} points{_size_name(row.settings['preprocess'])}, {row.protocol}"
-            grouped.setdefault(name, []).append((place, means[id(row)]))
-    if len({x for points in grouped.values() for x, _ in points}) > 1:
-        for (points, group), accuracy in figures.items():
-            grouped.setdefault(f"dissertation, {points} points", []).append((float(group or points), accuracy))
-        series = {name: sorted(points) for name, points in grouped.items()}
-        sizes = sorted({x for points in series.values() for x, _ in points})
-        plots["accuracy_by_group_size"] = points_over_axes(
-            series,
-            x_label="points in a group; the rightmost of a line: no grouping",
-            y_label="test accuracy, %",
-            x_ticks={size: f"{size:g}" for size in sizes},
-            logarithmic=True,
-        )
-    latencies = {}
-    differing = _differing(rows)
-    for row in done:
-        alone = sum(other.name == row.name for other in done) == 1
-        others = "" if alone else _others(row, differing)
-        name = f"{row.name}, {others}" if others else row.name
-        latencies[name] = [(min(row.values("costs", "raw_cloud_ms")), means[id(row)])]
-    if len(latencies) > 1:
-        plots["accuracy_by_latency"] = points_over_axes(
-            latencies,
-            x_label="ms from a raw cloud to its class, one CPU thread",
-            y_label="test accuracy, %",
-            logarithmic=True,
-        )
-    rates = {row.settings["protocol"]["learning_rate"] for row in done}
-    if len(rates) > 1:
-        for curve, label in (("selection_accuracy", "selection accuracy, %"), ("train_loss", "training loss")):
-            factor = 100 if curve.endswith("accuracy") else 1
-            series = {}
-            for row in done:
-                epochs = zip(*(result["curves"][curve] for result in row.results), strict=True)
-                name = f"rate {row.settings['protocol']['learning_rate']:g}, {row.order}"
-                series[name] = [(float(e), factor * fmean(values)) for e, values in enumerate(epochs, 1)]
-            plots[f"learning_curves_{curve}"] = points_over_axes(series, x_label="epoch", y_label=label)
-    return plots
-
-
-def _differing(rows: Sequence[Row]) -> list[str]:
-    """Names of settings that are not the same in all rows and that no column says."""
-    said = ("model.", "preprocess.", "protocol.selection", "protocol.epochs", "protocol.precision")
-    flat = [flat_settings(row.settings) for row in rows]
-    names = sorted({name for settings in flat for name in settings if not name.startswith(said)})
-    return [name for name in names if len({str(settings.get(name)) for settings in flat}) > 1]
-
-
-def _others(row: Row, differing: Sequence[str]) -> str:
-    """The `differing` settings of a row; one that it does not name has its default."""
-    flat = flat_settings(row.settings)
-    return ", ".join(f"{name}={flat[name]}" for name in differing if name in flat)
 
 
 def _wilson(row: Row) -> tuple[float, float]:

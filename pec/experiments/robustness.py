@@ -18,7 +18,7 @@ from pec.checkpoint import Checkpoint
 from pec.common.threads import torch_threads
 from pec.data.corruptions import CORRUPTIONS, LEVELS, corrupt
 from pec.data.dataset import CloudDataset
-from pec.experiments.grid_table import order_name
+from pec.experiments.grid_rows import order_name
 from pec.metrics import predict_log_probabilities, score
 from pec.training.finished_runs import read_finished
 
