@@ -2,7 +2,7 @@
 time goes.
 
 The rate is that of a whole `generate`, files included, from its first shard to its last: processes start but once. The
-floor is the rasteriser alone: the pictures that one process draws and reads back of the same objects in the same poses.
+floor is the rasteriser alone: the frames that one process draws and reads back of the same objects in the same poses.
 """
 
 from __future__ import annotations
@@ -96,14 +96,14 @@ def _seconds_a_cloud(config: CaptureConfig, workers: int) -> float:
 def _shares(case: str, config: CaptureConfig) -> list[Row]:
     """What one process spends on a cloud, by part; the rasteriser's is the floor."""
     from pecgrasp_env.capture.rendering import tabletop_depth as table
-    from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio
+    from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer
     from pecgrasp_env.capture.scenarios import free, tabletop
 
     scenario, subjects = _opened(config)
     scenario.capture(subjects, 0, 2)  # resting poses, cameras
     spent: dict[str, float] = {}
     with (
-        _timed(DepthStudio, "draw", spent, "rasteriser alone (the floor)"),
+        _timed(DepthRenderer, "render_window", spent, "rasteriser alone (the floor)"),
         _timed(free, "measure", spent, "sensor model"),
         _timed(tabletop, "measure", spent, "sensor model"),
         _timed(tabletop, "segment_frame", spent, "segmentation"),

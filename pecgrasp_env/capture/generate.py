@@ -30,7 +30,7 @@ from pec.data.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest,
 from pec.data.splits import write_splits
 from pec.errors import DatasetError
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.shard_plan import plan
+from pecgrasp_env.capture.shard_plan import allot, open_source
 from pecgrasp_env.capture.workers import make_shards
 from pecgrasp_env.common.job_share import JobShare
 
@@ -69,7 +69,7 @@ def generate(
     """Make the data set that `config` describes in `directory`, or what is missing of it.
 
     workers: processes that render; 1 renders in this process. on_error: "stop" at an object that cannot be captured, or
-    "skip" it, and say so in the manifest. share: make only this share of the shards. frames_at_once: pictures that each
+    "skip" it, and say so in the manifest. share: make only this share of the shards. frames_at_once: frames that each
     process draws together, by ManiSkill's batch on a GPU; None: many where there is a GPU, else one. The same bytes are
     promised for one. progress(done, total), in samples, is called once at the start and after each shard.
     Raises CaptureError (an object that cannot be captured, a disk that cannot be written), ObjectError (unknown class,
@@ -84,8 +84,9 @@ def generate(
         raise CaptureError(f"on_error must be stop or skip, got {on_error!r}")
     directory = Path(directory)
     started = time.monotonic()
-    planned, jobs = plan(config)
-    there = _merged(directory, planned, on_error)
+    source = open_source(config)
+    empty, jobs = allot(config, source)
+    there = _merged(directory, empty, on_error)
     instances = {_key(instance): instance for instance in there.instances}
     done = {record.file: record for record in there.shards}
     mine = list(jobs) if share is None else list(share.of(jobs))
@@ -102,7 +103,7 @@ def generate(
         return replace(there, instances=list(instances.values()), shards=shards, complete=False)
 
     manifest_name = MANIFEST_NAME if share is None else MANIFEST_NAME.replace(".json", f"{share.suffix}.json")
-    shards = make_shards(config, directory, missing, workers, on_error, frames_at_once)
+    shards = make_shards(config, source, directory, missing, workers, on_error, frames_at_once)
     with _writing(directory), closing(shards) as results:
         for record, entries in results:
             for entry in entries:
@@ -125,7 +126,7 @@ def generate(
 
 
 def _finish(directory: Path, manifest: Manifest) -> Manifest:
-    """Writes the splits, then says that the data set is complete, then removes the parts' manifests."""
+    """Writes the splits, then says that the data set is complete, then removes the shares' manifests."""
     complete = replace(manifest, complete=True)
     path = directory / MANIFEST_NAME
     if not path.is_file() or read_manifest(directory) != complete:
@@ -142,21 +143,21 @@ def _finish(directory: Path, manifest: Manifest) -> Manifest:
     return complete
 
 
-def _merged(directory: Path, planned: Manifest, on_error: str) -> Manifest:
-    """`planned` with the sound shards that the manifests in `directory` list."""
-    instances = {_key(instance): instance for instance in planned.instances}
+def _merged(directory: Path, empty: Manifest, on_error: str) -> Manifest:
+    """`empty` with the sound shards that the manifests in `directory` list."""
+    instances = {_key(instance): instance for instance in empty.instances}
     records: dict[str, ShardRecord] = {}
     for path in [directory / MANIFEST_NAME, *sorted(directory.glob(_PARTS))]:
         if not path.is_file():
             continue
         found = read_manifest(directory, path.name)
-        _check_same(path, found, planned)
+        _check_same(path, found, empty)
         for instance in found.instances:
             _add_instance(instances, instance, directory)
         # Who does not want objects to be skipped wants those tried again that were.
         records |= {record.file: record for record in found.shards if on_error == "skip" or not record.skipped}
     sound = [record for record in records.values() if _is_sound(directory / record.file, record)]
-    return replace(planned, instances=list(instances.values()), shards=sound)
+    return replace(empty, instances=list(instances.values()), shards=sound)
 
 
 def _add_instance(instances: dict[tuple[str, str], dict[str, Any]], entry: dict[str, Any], directory: Path) -> None:
@@ -176,16 +177,16 @@ def _key(instance: Mapping[str, Any]) -> tuple[str, str]:
     return instance["class"], instance["name"]
 
 
-def _check_same(path: Path, found: Manifest, planned: Manifest) -> None:
+def _check_same(path: Path, found: Manifest, wanted: Manifest) -> None:
     pairs = [
-        (name, getattr(found, name), getattr(planned, name))
+        (name, getattr(found, name), getattr(wanted, name))
         for name in ("config", "seed", "classes", "cameras", "generator")
     ]
-    pairs.append(("instances", [_key(i) for i in found.instances], [_key(i) for i in planned.instances]))
-    for name, there, wanted in pairs:
-        if there != wanted:
+    pairs.append(("instances", [_key(i) for i in found.instances], [_key(i) for i in wanted.instances]))
+    for name, there, here in pairs:
+        if there != here:
             raise DatasetError(
-                f"{path} is of another data set: {_difference(name, there, wanted)}. "
+                f"{path} is of another data set: {_difference(name, there, here)}. "
                 "Give another out=, or remove that folder"
             )
 

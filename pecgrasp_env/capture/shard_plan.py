@@ -1,4 +1,4 @@
-"""Which shards a data set has, a fixed list that the configuration alone decides, and which of them a job makes."""
+"""How a data set is allotted to shards: a fixed list that the configuration and the names of its objects decide."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.modelnet import ModelNetArchive
 from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
 
-__all__ = ["Member", "ShardJob", "Source", "instance_entry", "open_source", "plan"]
+__all__ = ["Member", "ShardJob", "Source", "allot", "instance_entry", "open_source"]
 
 _PACKAGES = ("pecgrasp", "sapien", "numpy", "scipy", "trimesh", "coacd")
 """What decides the bytes of a sample."""
 
 
-def plan(config: CaptureConfig) -> tuple[Manifest, list[ShardJob]]:
+def allot(config: CaptureConfig, source: Source) -> tuple[Manifest, list[ShardJob]]:
     """The empty manifest of the data set, and all its shards."""
-    source = open_source(config)
     instances: list[dict[str, Any]] = []
     members: list[Member] = []
     for class_index, class_name in enumerate(source.classes):
@@ -87,7 +86,7 @@ def instance_entry(source: Source, class_name: str, number: int) -> dict[str, An
 
 
 class Source(Protocol):
-    """Where objects come from: classes, and instances of each, in a fixed order."""
+    """Where objects come from: classes, and instances of each, in a fixed order; picklable until one is loaded."""
 
     classes: tuple[str, ...]
 

@@ -16,7 +16,7 @@ from pec.data.shards import ShardRecord, shard_name, write_shard
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.scenarios import open_scenario
 from pecgrasp_env.capture.scenarios.base import Subject
-from pecgrasp_env.capture.shard_plan import ShardJob, instance_entry, open_source
+from pecgrasp_env.capture.shard_plan import ShardJob, Source, instance_entry
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.objects import ObjectError, ObjectModel
 
@@ -31,6 +31,7 @@ Result = tuple[ShardRecord, list[dict[str, Any]]]
 
 def make_shards(
     config: CaptureConfig,
+    source: Source,
     directory: Path,
     jobs: list[ShardJob],
     workers: int,
@@ -38,7 +39,7 @@ def make_shards(
     frames_at_once: int | None = None,
 ) -> Generator[Result, None, None]:
     """Yields the result of each shard of `jobs` once it is written, in any order."""
-    make_worker = partial(_ShardMaker, config, directory, on_error, frames_at_once)
+    make_worker = partial(_ShardMaker, config, source, directory, on_error, frames_at_once)
     try:
         # An instance's shards go to one process, which makes its mesh once.
         yield from run_jobs(make_worker, jobs, workers, same_process=lambda job: job.members)
@@ -52,11 +53,13 @@ def make_shards(
 class _ShardMaker:
     """Makes shards in one process, one scene for all of them."""
 
-    def __init__(self, config: CaptureConfig, directory: Path, on_error: str, frames_at_once: int | None) -> None:
+    def __init__(
+        self, config: CaptureConfig, source: Source, directory: Path, on_error: str, frames_at_once: int | None
+    ) -> None:
         self._config = config
         self._directory = directory
         self._on_error = on_error
-        self._source = open_source(config)
+        self._source = source
         self._scenario = open_scenario(config, frames_at_once)
 
     def run(self, job: ShardJob) -> Result:

@@ -1,4 +1,4 @@
-"""A SAPIEN scene that photographs the depth of single objects: no physics, no lights, nothing else to draw."""
+"""A SAPIEN scene that renders the depth of single objects: no physics, no lights, nothing else to draw."""
 
 from __future__ import annotations
 
@@ -17,7 +17,17 @@ from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV, add_depth_camer
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel
 
-__all__ = ["OUT_OF_SIGHT", "DepthStudio", "Extent", "Frame", "Shot", "Studio", "gpu_draws", "pose_of", "window_around"]
+__all__ = [
+    "OUT_OF_SIGHT",
+    "DepthRenderer",
+    "Extent",
+    "Frame",
+    "Renderer",
+    "Shot",
+    "gpu_draws",
+    "pose_of",
+    "window_around",
+]
 
 _SIDES = (32, 64, 96, 128, 192, 256, 384, 512, 768)
 """Widths and heights of windows, pixels: few enough to keep a camera for each, close enough to waste little."""
@@ -55,7 +65,7 @@ class Extent:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture to be taken of object `index`, alone, and what `extent` says of it."""
+    """A frame to be rendered of object `index`, alone, and what `extent` says of it."""
 
     index: int
     T_camera_object: np.ndarray
@@ -63,12 +73,12 @@ class Shot:
     extent: Extent
 
 
-class Studio(Protocol):
-    """Takes exact depth pictures of objects."""
+class Renderer(Protocol):
+    """Renders exact depth frames of objects."""
 
     @property
     def at_once(self) -> int:
-        """Pictures that are worth asking for together."""
+        """Frames that are worth asking for together."""
 
     def check(self, model: ObjectModel) -> None:
         """Raises CaptureError where an object is too large or too small to be captured."""
@@ -79,15 +89,15 @@ class Studio(Protocol):
     def extent(self, index: int, T_camera_object: np.ndarray, camera: CameraIntrinsics) -> Extent:
         """Where object `index` appears at a pose (4, 4) in the OpenCV camera frame."""
 
-    def photograph_all(self, shots: Sequence[Shot]) -> list[Frame]:
+    def render_all(self, shots: Sequence[Shot]) -> list[Frame]:
         """The exact depth in a window around each shot's object, which is alone in it."""
 
 
-class DepthStudio:
-    """Photographs one object at a time with any depth camera.
+class DepthRenderer:
+    """Renders one object at a time with any depth camera.
 
     An empty scene shows nothing but the object, so only the window around it is drawn: a camera whose principal point
-    is shifted by whole pixels sees the very rays of the full image. The picture is the same and several times faster.
+    is shifted by whole pixels sees the very rays of the full image. The frame is the same and several times faster.
     """
 
     at_once = 1
@@ -141,20 +151,20 @@ class DepthStudio:
         pixels = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
         return Extent(pixels.min(axis=0), pixels.max(axis=0), nearest)
 
-    def photograph(self, shot: Shot) -> Frame:
+    def render(self, shot: Shot) -> Frame:
         """The exact depth of one object, alone, in a window around it."""
         entity = self._entities[shot.index]
         entity.set_pose(pose_of(shot.T_camera_object))
-        frame = self.draw(window_around(shot.camera, shot.extent))
+        frame = self.render_window(window_around(shot.camera, shot.extent))
         if len(self._entities) > 1:
             entity.set_pose(OUT_OF_SIGHT)
         return frame
 
-    def photograph_all(self, shots: Sequence[Shot]) -> list[Frame]:
+    def render_all(self, shots: Sequence[Shot]) -> list[Frame]:
         """One after the other: together they would be no faster."""
-        return [self.photograph(shot) for shot in shots]
+        return [self.render(shot) for shot in shots]
 
-    def draw(self, window: CameraIntrinsics) -> Frame:
+    def render_window(self, window: CameraIntrinsics) -> Frame:
         """The scene as it is, through a window."""
         camera = self._cameras.get((window.width, window.height))
         if camera is None:

@@ -1,4 +1,4 @@
-"""What an exact camera sees of a laid table: the objects' pictures, one upon the other, over the planes behind them."""
+"""What an exact camera sees of a laid table: the objects' frames, one upon the other, over the planes behind them."""
 
 from __future__ import annotations
 

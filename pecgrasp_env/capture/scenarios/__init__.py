@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["open_scenario"]
 
 _GPU_FRAMES = 64
-"""Sub-scenes of ManiSkill's batch: at 848x480 half a gigabyte of pictures."""
+"""Sub-scenes of ManiSkill's batch: at 848x480 half a gigabyte of frames."""
 
 
 def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> Scenario:
@@ -24,19 +24,19 @@ def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> S
         from pecgrasp_env.capture.scenarios.surface import SurfaceScenario
 
         return SurfaceScenario(config)
-    from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Studio, gpu_draws
+    from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Renderer, gpu_draws
 
-    open_studio: Callable[[float], Studio] = DepthStudio
+    open_renderer: Callable[[float], Renderer] = DepthRenderer
     if frames_at_once is None:
         frames_at_once = _GPU_FRAMES if gpu_draws() else 1
     if frames_at_once > 1:
-        from pecgrasp_env.capture.rendering.gpu_renderer import BatchStudio
+        from pecgrasp_env.capture.rendering.gpu_renderer import GpuRenderer
 
-        open_studio = partial(BatchStudio, cameras=config.intrinsics, at_once=frames_at_once)
+        open_renderer = partial(GpuRenderer, cameras=config.intrinsics, at_once=frames_at_once)
     if config.scenario == "tabletop":
         from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario
 
-        return TabletopScenario(config, open_studio)
+        return TabletopScenario(config, open_renderer)
     from pecgrasp_env.capture.scenarios.free import FreeScenario
 
-    return FreeScenario(config, open_studio)
+    return FreeScenario(config, open_renderer)

@@ -16,7 +16,7 @@ import numpy as np
 
 from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot, Studio
+from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Renderer, Shot
 from pecgrasp_env.capture.scenarios.base import Captured, Subject, measure, random_rotation, sample_seed
 from pecgrasp_env.sensor import CameraIntrinsics, deproject_mask
 
@@ -40,9 +40,9 @@ def random_pose(intrinsics: CameraIntrinsics, max_depth: float, rng: np.random.G
 class FreeScenario:
     """Objects one by one, each alone before the camera, in any pose within its view."""
 
-    def __init__(self, config: CaptureConfig, open_studio: Callable[[float], Studio] = DepthStudio) -> None:
+    def __init__(self, config: CaptureConfig, open_renderer: Callable[[float], Renderer] = DepthRenderer) -> None:
         self._config = config
-        self._studio = open_studio(config.max_depth)
+        self._renderer = open_renderer(config.max_depth)
 
     def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
         captured = Captured()
@@ -53,9 +53,9 @@ class FreeScenario:
                 for number in range(first, first + count)
             ]
             try:
-                self._studio.show([model])
-                for start in range(0, count, self._studio.at_once):
-                    self._settle_on_poses(draws[start : start + self._studio.at_once])
+                self._renderer.show([model])
+                for start in range(0, count, self._renderer.at_once):
+                    self._settle_on_poses(draws[start : start + self._renderer.at_once])
             except CaptureError as error:
                 captured.given_up[subject.name] = str(error)
                 continue
@@ -74,7 +74,7 @@ class FreeScenario:
         while waiting:
             for each in waiting:
                 self._aim(each)
-            frames = self._studio.photograph_all([each.shot for each in waiting])
+            frames = self._renderer.render_all([each.shot for each in waiting])
             for each, frame in zip(waiting, frames, strict=True):
                 depth = measure(self._config, frame.depth, frame.intrinsics, each.rng)
                 each.points = deproject_mask(depth, frame.depth > 0, frame.intrinsics)
@@ -90,7 +90,7 @@ class FreeScenario:
             draws.number = int(draws.rng.integers(len(cameras))) if len(cameras) > 1 else 0
             camera = cameras[draws.number]
             pose = random_pose(camera, self._config.max_depth, draws.rng)
-            extent = self._studio.extent(0, pose, camera)
+            extent = self._renderer.extent(0, pose, camera)
             if extent.nearest < camera.min_depth:
                 draws.rejected["too near"] += 1
             elif not extent.within(camera):

@@ -1,5 +1,5 @@
 """The `tabletop` scenario, what the robot sees: objects at rest on its table, looked at from the policy's postures, and
-cut out of the picture by the segmentation that runs on the robot.
+cut out of the frame by the segmentation that runs on the robot.
 
 A frame shows several objects, laid out as the task SelectiveGrasp-v1 lays them out: as they come to rest after a fall
 in a random orientation, turned about the vertical, anywhere in the task's region, apart. The wrist camera looks from
@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from grasping import ROBOTIQ_2F_140, CloudError, Segmenter
 from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot, Studio
+from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Renderer, Shot
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, compose
 from pecgrasp_env.capture.scenarios.base import Captured, Subject, measure, rotation_matrix, sample_seed
 from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
@@ -85,9 +85,9 @@ class _Layout:
 class TabletopScenario:
     """Several objects at a time on the robot's table, under its wrist camera."""
 
-    def __init__(self, config: CaptureConfig, open_studio: Callable[[float], Studio] = DepthStudio) -> None:
+    def __init__(self, config: CaptureConfig, open_renderer: Callable[[float], Renderer] = DepthRenderer) -> None:
         self._config = config
-        self._studio = open_studio(_LARGEST)
+        self._renderer = open_renderer(_LARGEST)
         self._segmenter = Segmenter()
         self._postures = look_postures()
         self._resting: dict[tuple[str, str], np.ndarray] = {}
@@ -97,7 +97,7 @@ class TabletopScenario:
         kept: list[Subject] = []
         for subject in subjects:
             try:
-                self._studio.check(subject.model)
+                self._renderer.check(subject.model)
                 self._rest(subject.model)
                 kept.append(subject)
             except CaptureError as error:
@@ -108,7 +108,7 @@ class TabletopScenario:
         key = "/".join(f"{s.model.class_name}:{s.model.instance}" for s in kept)
         models = [subject.model for subject in kept]
         models += self._distractors(np.random.default_rng(sample_seed(self._config.seed, "distractors", key, first)))
-        self._studio.show(models)
+        self._renderer.show(models)
         found: list[list[CloudSample]] = [[] for _ in kept]
         barren = np.zeros(len(kept), int)
         reasons: list[Counter[str]] = [Counter() for _ in kept]
@@ -133,13 +133,13 @@ class TabletopScenario:
 
     def _frames(self, models: Sequence[ObjectModel], first: str, key: str) -> Iterator[tuple[_Layout, Table | None]]:
         """Laid tables and what an exact camera sees of them, None where there was no room; without end."""
-        ahead = max(1, self._studio.at_once // len(models))
+        ahead = max(1, self._renderer.at_once // len(models))
         for start in itertools.count(0, ahead):
             layouts = [
                 self._lay_out(models, sample_seed(self._config.seed, first, key, number))
                 for number in range(start, start + ahead)
             ]
-            frames = iter(self._studio.photograph_all([shot for layout in layouts for shot in layout.shots]))
+            frames = iter(self._renderer.render_all([shot for layout in layouts for shot in layout.shots]))
             for layout in layouts:
                 of_layout = list(itertools.islice(frames, len(layout.shots)))
                 table = compose(layout.shots, of_layout, layout.T_base_camera, layout.camera) if of_layout else None
@@ -159,7 +159,7 @@ class TabletopScenario:
             return _Layout(seed, rng, number, camera, q, T_base_camera, [])
         T_camera_base = np.linalg.inv(T_base_camera)
         poses = [T_camera_base @ _matrix(pose) for pose in placed]
-        shots = [Shot(i, pose, camera, self._studio.extent(i, pose, camera)) for i, pose in enumerate(poses)]
+        shots = [Shot(i, pose, camera, self._renderer.extent(i, pose, camera)) for i, pose in enumerate(poses)]
         return _Layout(seed, rng, number, camera, q, T_base_camera, shots)
 
     def _cut(

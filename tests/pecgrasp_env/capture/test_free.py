@@ -8,7 +8,7 @@ import trimesh
 
 from pec.data.shards import CloudSample, read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, ObjectsConfig, generate
-from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot
+from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Shot
 from pecgrasp_env.capture.scenarios.base import Subject
 from pecgrasp_env.capture.scenarios.free import FreeScenario, random_pose
 from pecgrasp_env.objects import ObjectModel, Part, make_object
@@ -86,14 +86,14 @@ def first_hits(rays: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def test_a_window_shows_what_the_full_frame_shows():
-    studio, camera = DepthStudio(2.0), D435["424x240"]
-    studio.show([make_object("stapler", 1)])
+    renderer, camera = DepthRenderer(2.0), D435["424x240"]
+    renderer.show([make_object("stapler", 1)])
     T = np.eye(4)
     T[:3, 3] = 0.13, -0.05, 0.55
-    frame = studio.photograph(Shot(0, T, camera, studio.extent(0, T, camera)))
+    frame = renderer.render(Shot(0, T, camera, renderer.extent(0, T, camera)))
     part, window = frame.depth, frame.intrinsics
     assert window.width < 200
-    whole = studio.draw(camera).depth
+    whole = renderer.render_window(camera).depth
     assert whole.shape == (240, 424)
     left, top = window.first_column, int(camera.cy - window.cy)
     assert (part > 0).sum() == (whole > 0).sum() > 500

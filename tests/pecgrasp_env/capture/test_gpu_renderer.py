@@ -1,4 +1,4 @@
-"""ManiSkill's batch against the studio, with the backend that every machine has: one sub-scene on the CPU."""
+"""ManiSkill's batch against the renderer of single objects, with one sub-scene on the CPU: every machine has that."""
 
 import hashlib
 import multiprocessing
@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
-from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, gpu_draws
-from pecgrasp_env.capture.rendering.gpu_renderer import BatchStudio
+from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, gpu_draws
+from pecgrasp_env.capture.rendering.gpu_renderer import GpuRenderer
 from pecgrasp_env.capture.scenarios import open_scenario
 from pecgrasp_env.capture.scenarios.base import Captured, Subject
 from pecgrasp_env.capture.scenarios.free import FreeScenario
@@ -34,7 +34,7 @@ def in_a_process(routine, *arguments):
 def both_ways(config: CaptureConfig) -> list[tuple[Captured, Captured]]:
     warnings.simplefilter("error", UserWarning)  # nobody takes over
     scenario = TabletopScenario if config.scenario == "tabletop" else FreeScenario
-    batch = scenario(config, partial(BatchStudio, cameras=config.intrinsics, at_once=1, device="cpu"))
+    batch = scenario(config, partial(GpuRenderer, cameras=config.intrinsics, at_once=1, device="cpu"))
     alone = scenario(config)
     sets = (
         [[("stapler", 0)], [("can", 1)]] if config.scenario == "free" else [[("stapler", 0), ("can", 1)], [("mug", 0)]]
@@ -47,7 +47,7 @@ def both_ways(config: CaptureConfig) -> list[tuple[Captured, Captured]]:
 
 
 @pytest.mark.parametrize("config", [FREE, TABLETOP], ids=["free", "tabletop"])
-def test_labels_poses_and_rejections_are_the_studios_and_clouds_differ_by_rounding(config):
+def test_labels_poses_and_rejections_are_those_of_single_frames_and_clouds_differ_by_rounding(config):
     for alone, batch in in_a_process(both_ways, config):
         assert batch.rejected == alone.rejected
         assert len(batch.samples) == len(alone.samples) >= 6
@@ -62,40 +62,40 @@ def test_labels_poses_and_rejections_are_the_studios_and_clouds_differ_by_roundi
                 assert np.mean(np.abs(ours.points - theirs.points).max(axis=1) < 1.1e-3) > 0.97
 
 
-class Askew(DepthStudio):
+class Askew(DepthRenderer):
     """A renderer that draws everything too near."""
 
-    def photograph(self, shot):
-        frame = super().photograph(shot)
+    def render(self, shot):
+        frame = super().render(shot)
         return type(frame)(frame.depth * np.float32(0.99), frame.intrinsics)
 
 
 def with_another_renderer() -> tuple[list[str], Captured, Captured]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pecgrasp_env.capture.rendering.gpu_renderer.DepthStudio", Askew)
-        batch = FreeScenario(FREE, partial(BatchStudio, cameras=FREE.intrinsics, at_once=1, device="cpu"))
+        patch.setattr("pecgrasp_env.capture.rendering.gpu_renderer.DepthRenderer", Askew)
+        batch = FreeScenario(FREE, partial(GpuRenderer, cameras=FREE.intrinsics, at_once=1, device="cpu"))
     subjects = [Subject(make_object("stapler", 0), 0, 0)]
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as messages:
         made = batch.capture(subjects, 0, 3)
-    return [str(each.message) for each in told], made, FreeScenario(FREE, Askew).capture(subjects, 0, 3)
+    return [str(each.message) for each in messages], made, FreeScenario(FREE, Askew).capture(subjects, 0, 3)
 
 
 def test_a_batch_that_draws_something_else_is_left_with_a_warning():
-    told, made, studios = in_a_process(with_another_renderer)
-    assert any("ManiSkill's batch is not used: its first picture is another" in line for line in told)
-    for ours, theirs in zip(made.samples, studios.samples, strict=True):
+    messages, made, singles = in_a_process(with_another_renderer)
+    assert any("ManiSkill's batch is not used: its first frame is another" in line for line in messages)
+    for ours, theirs in zip(made.samples, singles.samples, strict=True):
         assert np.array_equal(ours.points, theirs.points)
 
 
-def studio_of(frames_at_once: int | None) -> tuple[type, int]:
-    studio = open_scenario(FREE, frames_at_once)._studio
-    return type(studio), studio.at_once
+def renderer_of(frames_at_once: int | None) -> tuple[type, int]:
+    renderer = open_scenario(FREE, frames_at_once)._renderer
+    return type(renderer), renderer.at_once
 
 
 @pytest.mark.skipif(gpu_draws(), reason="this machine has a GPU")
 def test_without_a_gpu_frames_are_drawn_one_by_one():
-    assert in_a_process(studio_of, None) == (DepthStudio, 1)
-    assert in_a_process(studio_of, 1) == (DepthStudio, 1)
+    assert in_a_process(renderer_of, None) == (DepthRenderer, 1)
+    assert in_a_process(renderer_of, 1) == (DepthRenderer, 1)
 
 
 @pytest.mark.skipif(gpu_draws(), reason="this machine has a GPU")
@@ -121,12 +121,12 @@ def digests(directory: Path) -> list[str]:
 def test_samples_do_not_depend_on_how_many_frames_are_drawn_ahead(scenario):
     config = CaptureConfig(scenario=scenario, sensor="d435", tabletop=TabletopConfig(drops=4))
 
-    class Several(DepthStudio):
+    class Several(DepthRenderer):
         at_once = 5
 
     kind = TabletopScenario if scenario == "tabletop" else FreeScenario
     subjects = [Subject(make_object(name, 0), i, i) for i, name in enumerate(("can", "stapler"))]
-    one, several = (kind(config, studio).capture(subjects, 0, 7) for studio in (DepthStudio, Several))
+    one, several = (kind(config, renderer).capture(subjects, 0, 7) for renderer in (DepthRenderer, Several))
     assert one.rejected == several.rejected
     assert len(one.samples) == 14
     for ours, theirs in zip(several.samples, one.samples, strict=True):

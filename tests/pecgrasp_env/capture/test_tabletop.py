@@ -14,7 +14,7 @@ import trimesh
 from grasping import Segmenter
 from pec.data.shards import read_manifest, read_shard
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
-from pecgrasp_env.capture.rendering.depth_renderer import DepthStudio, Shot
+from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Shot
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, background_depth, compose
 from pecgrasp_env.capture.scenarios.base import Captured, Subject
 from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario, resting_poses
@@ -43,11 +43,11 @@ def contents(directory: Path) -> dict[str, str]:
     return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def pictured(studio: DepthStudio, poses: list[np.ndarray], T_base_camera: np.ndarray) -> Table:
-    """The objects that the studio shows, at T_camera_object each, on the table."""
+def pictured(renderer: DepthRenderer, poses: list[np.ndarray], T_base_camera: np.ndarray) -> Table:
+    """The objects that the renderer shows, at T_camera_object each, on the table."""
     camera = D435["424x240"]
-    shots = [Shot(i, pose, camera, studio.extent(i, pose, camera)) for i, pose in enumerate(poses)]
-    return compose(shots, studio.photograph_all(shots), T_base_camera, camera)
+    shots = [Shot(i, pose, camera, renderer.extent(i, pose, camera)) for i, pose in enumerate(poses)]
+    return compose(shots, renderer.render_all(shots), T_base_camera, camera)
 
 
 def test_a_frame_is_what_the_environments_wrist_camera_sees():
@@ -62,8 +62,8 @@ def test_a_frame_is_what_the_environments_wrist_camera_sees():
     )
     env.reset(seed=3)
     task = env.unwrapped
-    studio = DepthStudio(0.45)
-    studio.show(task.models[0])
+    renderer = DepthRenderer(0.45)
+    renderer.show(task.models[0])
     for posture in look_postures():
         q = task.agent.robot.get_qpos().clone()
         q[0, :6] = torch.tensor(posture)
@@ -75,7 +75,7 @@ def test_a_frame_is_what_the_environments_wrist_camera_sees():
         poses = [
             np.linalg.inv(T) @ actor.pose.to_transformation_matrix()[0].numpy().astype(float) for actor in task.objects
         ]
-        table = pictured(studio, poses, T)
+        table = pictured(renderer, poses, T)
         # Silhouettes may fall to the other side by a pixel; that the picture shows a floor beside the table, too.
         assert np.mean(np.abs(table.depth - seen) < 2e-4) > 0.998
         for i, actor in enumerate(task.objects):
@@ -170,8 +170,8 @@ def test_mixed_cut_outs_are_dropped_and_counted_or_kept_and_marked():
 
 def test_what_others_hide_is_measured_and_rejected():
     tall, low = block(0.05, 0.14, 0.20, "tall"), block(0.05, 0.06, 0.03, "low")
-    studio = DepthStudio(0.45)
-    studio.show([tall, low])
+    renderer = DepthRenderer(0.45)
+    renderer.show([tall, low])
     eye = np.eye(4)
     eye[:3, :3] = np.array([[0, -0.6, 0.8], [-1.0, 0, 0], [0, -0.8, -0.6]])  # looks along +x and down
     eye[:3, 3] = -0.1, 0.0, 0.5
@@ -182,7 +182,7 @@ def test_what_others_hide_is_measured_and_rejected():
             T = np.eye(4)
             T[:3, 3] = x, 0.0, z
             poses.append(np.linalg.inv(eye) @ T)
-        return pictured(studio, poses, eye).occlusion
+        return pictured(renderer, poses, eye).occlusion
 
     assert hidden(0.02) == pytest.approx([0, 1], abs=0.05)
     assert hidden(0.5)[1] == 0
