@@ -51,3 +51,15 @@ def test_every_example_is_numbered_short_and_tested():
     for number, file in enumerate(files, 1):
         assert file.name.startswith(f"{number:02}_")
         assert len(file.read_text().splitlines()) < 60, file.name
+
+
+def test_notebook_walks_from_a_frame_to_a_grasp(monkeypatch):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")]))
+    file = EXAMPLES / "frame_to_grasp.ipynb"
+    assert file.stat().st_size < 300_000  # with its pictures
+    notebook = nbformat.read(file, as_version=4)
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(EXAMPLES)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    assert any("mm, score 0." in output.get("text", "") for output in outputs)
