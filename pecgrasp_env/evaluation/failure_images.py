@@ -1,4 +1,4 @@
-"""Pictures of an episode that failed: what the camera saw with the grasp that was planned, the try, and the end."""
+"""Images of an episode that failed: what the camera saw with the grasp that was planned, the try, and the end."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ KINDS = ("camera", "try", "end")
 _EYE, _AIM, _FOV = (0.98, 0.48, 0.52), (0.46, 0.0, 0.10), 0.85  # m, world frame; rad: the objects and the hand
 _WIDTH, _HEIGHT = 424, 318  # pixels
 _QUALITY = 60
-_SHOWN = 0.5  # of the width and height of the wrist camera's picture, about the grasp
+_SHOWN = 0.5  # of the width and height of the wrist camera's image, about the grasp
 _BELOW = 60  # pixels
-_ALIKE = 1.0  # of 255, mean difference of two pictures of which one is enough
+_ALIKE = 1.0  # of 255, mean difference of two images of which one is enough
 _GRASP, _CHOSEN = (255, 70, 60), (255, 255, 255)
 _TONES = ((240, 150, 200), (130, 200, 255), (255, 190, 110), (190, 160, 255))
 _HAS_CLOSED = "lifting"  # what the policy is doing from the moment on in which the hand has closed
@@ -38,8 +38,8 @@ def camera() -> dict[str, Any]:
     return {"pose": sapien_utils.look_at(_EYE, _AIM), "width": _WIDTH, "height": _HEIGHT, "fov": _FOV}
 
 
-class FailurePictures:
-    """Looks on while `policy` acts in `env`; pictures are taken of each try, and kept by `save`.
+class FailureImages:
+    """Looks on while `policy` acts in `env`; images are rendered of each try, and kept by `save`.
 
     A try is best judged where the hand has closed and not yet lifted; one that fails before, where it does.
     env: with a render camera.
@@ -67,25 +67,25 @@ class FailurePictures:
         """Write FOLDER/SEED.KIND.webp of each kind that there is; "end" always, "try" where it shows something else."""
         folder.mkdir(parents=True, exist_ok=True)
         end = _render(self._env)
-        pictures = {"end": end}
+        images = {"end": end}
         if self._try is not None and np.abs(self._try.astype(float) - end).mean() > _ALIKE:
-            pictures["try"] = self._try
+            images["try"] = self._try
         if self.policy.sight is not None:
-            pictures["camera"] = what_it_saw(self.policy.sight)
-        for kind, picture in pictures.items():
+            images["camera"] = observed_image(self.policy.sight)
+        for kind, image in images.items():
             with replacing(folder / f"{seed}.{kind}.webp") as temporary:
-                Image.fromarray(picture).save(temporary, "WEBP", quality=_QUALITY)
+                Image.fromarray(image).save(temporary, "WEBP", quality=_QUALITY)
 
 
-def what_it_saw(sight: Sight) -> np.ndarray:
-    """(h, 424, 3) uint8: the depth picture, each object that was told apart in its own tone, with its likeliest class.
+def observed_image(sight: Sight) -> np.ndarray:
+    """(h, 424, 3) uint8: the depth frame in colours, each segmented object in its own tone, with its likeliest class.
 
     Where one was chosen, only the part about it, with the best grasp as pads and hand in red.
     """
-    percept = sight.percept
-    depth = percept.frame.depth
+    observation = sight.percept
+    depth = observation.frame.depth
     height, width = depth.shape
-    places = [np.column_stack(_pixels(percept, seen.points)) for seen in sight.objects]
+    places = [np.column_stack(_pixels(observation, seen.points)) for seen in sight.objects]
     tinted = np.full((height, width), -1)
     for k, place in enumerate(places):
         column, row = place[((place >= 0) & (place < (width, height))).all(axis=1)].astype(int).T
@@ -105,15 +105,15 @@ def what_it_saw(sight: Sight) -> np.ndarray:
     draw = ImageDraw.Draw(image)
     if sight.plan is not None and sight.plan.best is not None:
         for line in _outlines(sight.plan.best):
-            xy = (np.column_stack(_pixels(percept, line)) - (left, top)) * scale
+            xy = (np.column_stack(_pixels(observation, line)) - (left, top)) * scale
             draw.line([(float(x), float(y)) for x, y in xy], _GRASP, 2)
     for k, (seen, place) in enumerate(zip(sight.objects, places, strict=True)):
         if seen.evidence:
             x, y = (place.mean(axis=0) - (left, top)) * scale
             y += _BELOW if k == sight.chosen else 0  # off the grasp
             label, probability = max(seen.probabilities().items(), key=lambda item: item[1])
-            told = f"{label.replace('_', ' ')} {100 * probability:.0f} %"
-            draw.text((x, y), told, "white", anchor="mm", stroke_width=2, stroke_fill="black")
+            words = f"{label.replace('_', ' ')} {100 * probability:.0f} %"
+            draw.text((x, y), words, "white", anchor="mm", stroke_width=2, stroke_fill="black")
     return np.asarray(image)
 
 
@@ -132,11 +132,11 @@ def _outlines(grasp: Grasp) -> Iterator[np.ndarray]:
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
 
 
-def _pixels(percept: RobotObservation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and rows (n,) of points (n, 3) of the base frame, which may lie outside of the picture."""
-    T = np.linalg.inv(percept.T_base_camera)
+def _pixels(observation: RobotObservation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns and rows (n,) of points (n, 3) of the base frame, which may lie outside of the frame."""
+    T = np.linalg.inv(observation.T_base_camera)
     x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
-    K, z = percept.frame.intrinsics, np.maximum(z, 1e-3)
+    K, z = observation.frame.intrinsics, np.maximum(z, 1e-3)
     return K.fx * x / z + K.cx, K.fy * y / z + K.cy
 
 

@@ -23,7 +23,7 @@ from pec.common.atomic_files import write_whole
 from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode
-from pecgrasp_env.evaluation.failure_images import FailurePictures, camera
+from pecgrasp_env.evaluation.failure_images import FailureImages, camera
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 
 
@@ -189,7 +189,7 @@ class _EpisodeRunner:
         try:
             if self._pictures is None:
                 return run_episode(self._env, self._policy, seed)
-            watch = FailurePictures(self._env, self._policy)
+            watch = FailureImages(self._env, self._policy)
             episode = run_episode(self._env, watch.policy, seed, watch.on_step)
         except Exception as error:  # of any kind: it is this episode's failure, and the others go on
             return _failed(seed, error)

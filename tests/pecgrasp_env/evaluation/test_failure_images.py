@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from grasping import CurvaturePlanner, Grasp, GraspPlan
-from pecgrasp_env.evaluation.failure_images import FailurePictures, camera, what_it_saw
+from pecgrasp_env.evaluation.failure_images import FailureImages, camera, observed_image
 from pecgrasp_env.evaluation.recording_policy import Sight
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
@@ -22,12 +22,12 @@ def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = T[:3, :3], ahead  # closes along the picture's rows, comes in along the optical axis
     grasp = Grasp(pose, 0.06, 1.0, "region")
-    bare = what_it_saw(Sight(percept, [SeenObject(ahead[None], False)]))
+    bare = observed_image(Sight(percept, [SeenObject(ahead[None], False)]))
     assert not (bare == (255, 70, 60)).all(axis=2).any()
-    drawn = what_it_saw(Sight(percept, [SeenObject(ahead[None], False)], 0, GraspPlan(grasp, [grasp], [], None)))
+    drawn = observed_image(Sight(percept, [SeenObject(ahead[None], False)], 0, GraspPlan(grasp, [grasp], [], None)))
     assert bare.shape == drawn.shape == (240, 424, 3)
     rows, columns = np.nonzero((drawn == (255, 70, 60)).all(axis=2))
-    told = what_it_saw(Sight(percept, [SeenObject(ahead[None], False, [{"mouse": 0.9, "can": 0.1}])]))
+    told = observed_image(Sight(percept, [SeenObject(ahead[None], False, [{"mouse": 0.9, "can": 0.1}])]))
     assert (told != bare).any()  # its class stands there
     # The picture is cut out about the point, twice as large; what is nearer, the hand, looks larger than the pads.
     assert rows.mean() == pytest.approx(120, abs=4)
@@ -48,7 +48,7 @@ def test_pictures_of_a_failure_are_kept(tmp_path):
     policy = protocol.make_policy()
     for seed, planner in ((5, Above()), (6, CurvaturePlanner())):
         policy.planner = planner
-        watch = FailurePictures(env, policy)
+        watch = FailureImages(env, policy)
         obs, info = env.reset(seed=seed)
         watch.policy.reset(info["target"][0])
         while not watch.policy.done:
