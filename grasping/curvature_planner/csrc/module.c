@@ -251,7 +251,7 @@ static PyMethodDef methods[] = {
     {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns middle and centre."},
     {"scan", scan, METH_VARARGS, "See finger_scan.scan: fills `holds`, returns (count, too_wide, narrowest)."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
-    {"survey", survey, METH_VARARGS, "See region_report.measured_parts: fills `order`, `parts` and `measures`, returns their number."},
+    {"survey", survey, METH_VARARGS, "See region_report.measure_regions: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},
 };
 

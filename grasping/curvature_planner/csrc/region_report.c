@@ -1,4 +1,4 @@
-/* region_report.measured_parts: slabs across the long axis, their parts, and the surface variation at their sides. */
+/* region_report.measure_regions: slabs across the long axis, their parts, and the surface variation at their sides. */
 #include "planner.h"
 
 #include <math.h>
