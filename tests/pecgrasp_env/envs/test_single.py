@@ -118,6 +118,25 @@ def test_the_asked_for_class_is_there_as_a_word_and_as_a_number():
     env.close()
 
 
+def test_a_cpu_simulates_one_batch_of_one_and_many_single_ones():
+    """ManiSkill refuses a batch on the CPU and says so; `make_vec` of single ones is the way there."""
+    options = {"render_backend": "cpu", "objects": SOURCE, "obs_mode": "state"}
+    with pytest.raises(RuntimeError, match="have multiple environments"):
+        gym.make("SelectiveGrasp-v1", num_envs=4, sim_backend="physx_cpu", **options)
+    vector = gym.make_vec("SelectiveGraspSingle-v1", num_envs=4, vectorization_mode="sync", **options)
+    seeds = [3, 4, 5, 3]
+    together, infos = vector.reset(seed=seeds)
+    after, rewards, terminated, truncated, _ = vector.step(np.full((4, 8), 0.3, np.float32))
+    vector.close()
+    assert together.shape == after.shape == (4, *vector.single_observation_space.shape)
+    assert rewards.shape == (4,)
+    assert not (terminated | truncated).any()
+    assert all(name in LARS_CLASSES for name in infos["target"])
+    assert np.array_equal(together[0], together[3])
+    assert np.array_equal(after[0], after[3])
+    assert not np.array_equal(together[0], together[1])
+
+
 @pytest.mark.slow
 def test_processes_agree_with_one_another_and_with_this_one():
     """As many environments as one likes: number i with seed s is the single one with seed s."""

@@ -11,7 +11,7 @@ from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.policy.observation import ObservationError, read_observation
 from pecgrasp_env.policy.perception import gripper_mask, look, still_there
 from pecgrasp_env.policy.seen_objects import OTHER, SeenObject, class_probabilities, merge
-from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, forward_kinematics
+from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_GRIPPER
 
 
 @pytest.fixture(scope="module")
@@ -29,33 +29,16 @@ def env():
     environment.close()
 
 
-class Labels:
-    """Stands for a perfect classifier: the class of the object nearest to the cloud; ``rename`` makes it a liar."""
-
-    def __init__(self, env, rename=None):
-        self.task = env.unwrapped
-        self.rename = rename or {}
-
-    def __call__(self, points):
-        q = self.task.agent.robot.get_qpos()[0, :6].numpy().astype(float)
-        T = forward_kinematics(q) @ T_TOOL0_CAMERA
-        centre = (points @ T[:3, :3].T + T[:3, 3]).mean(axis=0)[:2]
-        places = [actor.pose.p[0, :2].numpy() for actor in self.task.objects]
-        nearest = int(np.argmin([np.linalg.norm(place - centre) for place in places]))
-        name = self.task.models[0][nearest].class_name
-        return self.rename.get(name, name), 0.99
-
-
 @pytest.mark.parametrize("seed", [0, 4, 5])
-def test_it_lifts_the_object_that_was_asked_for(env, seed):
-    episode = run_episode(env, ScriptedPolicy(Labels(env)), seed)
+def test_it_lifts_the_object_that_was_asked_for(env, seed, labels):
+    episode = run_episode(env, ScriptedPolicy(labels(env)), seed)
     assert episode.outcome == "success"
     assert episode.reason is None
     assert episode.failures == []
     assert set(episode.stages) == {"segment", "classify", "plan grasp", "plan motion"}
 
 
-def test_it_picks_one_of_five_that_lie_close():
+def test_it_picks_one_of_five_that_lie_close(labels):
     """5 to 20 mm apart, seen by a D435: told apart by the table between them, held without a neighbour.
 
     Scenes settle differently on other processors: what holds is said of several, not of one.
@@ -73,7 +56,7 @@ def test_it_picks_one_of_five_that_lie_close():
     )
     found, lifted = [], []
     for seed in range(5):
-        policy = ScriptedPolicy(Labels(close))
+        policy = ScriptedPolicy(labels(close))
         episode = run_episode(close, policy, seed)
         found.append(len(policy.log.objects))
         if episode.outcome == "success":
@@ -87,10 +70,10 @@ def test_it_picks_one_of_five_that_lie_close():
     assert disturbance < 0.03
 
 
-def test_the_return_ends_with_the_greatest_reward_and_twins_agree(env):
+def test_the_return_ends_with_the_greatest_reward_and_twins_agree(env, labels):
     def rollout():
         obs, info = env.reset(seed=1)
-        policy = ScriptedPolicy(Labels(env))
+        policy = ScriptedPolicy(labels(env))
         policy.reset(info["target"][0])
         rewards = []
         for _ in range(200):
@@ -106,26 +89,26 @@ def test_the_return_ends_with_the_greatest_reward_and_twins_agree(env):
     assert max(first[:-1]) < 5.0
 
 
-def test_a_classifier_that_lies_makes_it_lift_the_wrong_object(env):
+def test_a_classifier_that_lies_makes_it_lift_the_wrong_object(env, labels):
     _, info = env.reset(seed=0)
     target = info["target"][0]
     others = [model.class_name for model in env.unwrapped.models[0] if model.class_name != target]
-    episode = run_episode(env, ScriptedPolicy(Labels(env, {target: others[0], others[0]: target})), 0)
+    episode = run_episode(env, ScriptedPolicy(labels(env, {target: others[0], others[0]: target})), 0)
     assert episode.outcome == "wrong_object"
 
 
-def test_it_gives_up_with_a_reason_where_nothing_is_of_the_class(env):
+def test_it_gives_up_with_a_reason_where_nothing_is_of_the_class(env, labels):
     names = dict.fromkeys(LARS_CLASSES, "unknown")
-    episode = run_episode(env, ScriptedPolicy(Labels(env, names), attempts=1), 0)
+    episode = run_episode(env, ScriptedPolicy(labels(env, names), attempts=1), 0)
     assert episode.outcome == "no_object"
     assert episode.reason == "not found"
     assert episode.views == 4
 
 
-def test_what_is_let_go_counts_as_dropped_and_can_be_picked_up_again(env):
+def test_what_is_let_go_counts_as_dropped_and_can_be_picked_up_again(env, labels):
     """A hand that opens on the way up: the policy sees the empty gripper, looks again and succeeds."""
     obs, info = env.reset(seed=0)
-    policy = ScriptedPolicy(Labels(env))
+    policy = ScriptedPolicy(labels(env))
     policy.reset(info["target"][0])
     let_go = 0
     for _ in range(400):
@@ -152,9 +135,9 @@ def test_the_camera_pose_from_the_joints_is_the_simulators(env):
     assert percept.T_base_camera == pytest.approx(camera, abs=1e-4)
 
 
-def test_it_sees_each_object_where_it_lies(env):
+def test_it_sees_each_object_where_it_lies(env, labels):
     obs, _ = env.reset(seed=3)
-    policy = ScriptedPolicy(Labels(env))
+    policy = ScriptedPolicy(labels(env))
     view = look(read_observation(obs), policy.segmenter)
     task = env.unwrapped
     assert len(view.objects) == 3
