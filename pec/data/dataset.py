@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pec.common.run_identity import files_key
 from pec.data.shards import MANIFEST_NAME, read_manifest, read_shard
 from pec.data.splits import SPLITS_NAME, read_splits
 from pec.errors import DatasetError
@@ -98,9 +99,7 @@ def data_version(path: str | os.PathLike[str]) -> str:
     # Not its results.json: that tells of the last command, and generating a whole set once more changes nothing else.
     listing = [path / name for name in (MANIFEST_NAME, SPLITS_NAME)]
     files = [path] if path.is_file() else [file for file in listing if file.is_file()]
-    if not files:
-        return "missing"
-    return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
+    return files_key(files) if files else "missing"
 
 
 def load_dataset(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from safetensors.numpy import load_file, save_file
 from tqdm import tqdm
 
 from pec.common.atomic_files import replacing
+from pec.common.run_identity import settings_key
 from pec.data.dataset import CloudDataset, remove_around_random_point
 from pec.preprocessing.preprocess import Preprocess
 
@@ -89,7 +89,6 @@ def _prepared(arrays: dict[str, np.ndarray], dataset: CloudDataset) -> PreparedC
 def _key(dataset: CloudDataset, preprocess: Preprocess, removed: float, seed: int) -> str:
     digest = hashlib.sha256()
     sampling = {name: asdict(preprocess)[name] for name in ("n_points", "n_candidates", "sampling", "start")}
-    digest.update(json.dumps([1, sampling, removed, seed, dataset.fingerprint]).encode())
     for array in (dataset.offsets, dataset.labels, dataset.instances):
         digest.update(array.tobytes())
-    return digest.hexdigest()[:24]
+    return settings_key(1, sampling, removed, seed, dataset.fingerprint, digest.hexdigest())

@@ -10,7 +10,6 @@ was interrupted goes on, and one whose settings, data or code have changed is an
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from pec.common.atomic_files import write_json
+from pec.common.run_identity import settings_key
 from pec.data.dataset import data_version
 from pec.experiments.code_version import code_version
 from pec.training.loop import train
@@ -70,8 +70,7 @@ def run_cell(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def cell_key(settings: Mapping[str, Any]) -> str:
     """16 hexadecimal digits that differ where the settings, the data or the code do."""
-    content = [_decisive(settings), data_version(settings["dataset"]["path"]), cell_code()]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return settings_key(_decisive(settings), data_version(settings["dataset"]["path"]), cell_code())
 
 
 def read_cells(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:

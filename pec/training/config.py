@@ -12,7 +12,7 @@ from pec.errors import ConfigError
 from pec.networks.registry import check_model
 from pec.preprocessing.preprocess import Preprocess
 
-__all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "flat_settings", "read_config"]
+__all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "read_config"]
 
 T = TypeVar("T")
 
@@ -122,14 +122,6 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config
-
-
-def flat_settings(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    """{"a": {"b": 1}} as {"a.b": 1}, as Hydra's overrides name settings."""
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        flat |= flat_settings(value, f"{where}{name}.") if isinstance(value, Mapping) else {where + name: value}
-    return flat
 
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:

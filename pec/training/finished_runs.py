@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from pec.checkpoint import Checkpoint, read_checkpoint
+from pec.common.run_identity import first_difference
 from pec.data.dataset import CloudDataset, data_version, load_dataset
 from pec.errors import CheckpointError, ConfigError, DatasetError
-from pec.training.config import TrainConfig, flat_settings, read_config
+from pec.training.config import TrainConfig, read_config
 from pec.training.run_split import split
 
 __all__ = ["FinishedRun", "check_same", "finished_results", "read_finished"]
@@ -29,19 +30,14 @@ def finished_results(config: TrainConfig) -> dict[str, Any] | None:
 
 def check_same(config: TrainConfig, data: str, earlier: Mapping[str, Any]) -> None:
     """ConfigError where `earlier`, with its "config" and "data", had other settings, or data of another version."""
-    # Through JSON, as the earlier one went: tuples become lists.
-    now = flat_settings(json.loads(json.dumps(config.decisive())))
-    before = flat_settings(earlier["config"])
+    before = earlier["config"]
     recorded = earlier.get("data")  # an older version of this package wrote none
     if data == recorded:
-        before["dataset.path"] = config.dataset.path  # wherever they lie
-    changed = [name for name in sorted(now | before) if now.get(name) != before.get(name)]
-    if changed:
-        name = changed[0]
-        difference = f"{name}={before.get(name)!r}, not {now.get(name)!r}"
-    elif recorded and data not in ("missing", recorded):  # what is done stays so without its data
+        before = before | {"dataset": before["dataset"] | {"path": config.dataset.path}}  # wherever they lie
+    difference = first_difference(before, config.decisive())
+    if difference is None and recorded and data not in ("missing", recorded):  # what is done stays so without its data
         difference = f"other data: {config.dataset.path} has changed since"
-    else:
+    if difference is None:
         return
     raise ConfigError(f"output {config.output} holds a run with {difference}: choose another output, or delete it")
 

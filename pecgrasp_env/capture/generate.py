@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from pec.common.run_identity import first_difference
 from pec.data.dataset import CloudDataset
 from pec.data.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest, read_shard, shard_name, write_manifest
 from pec.data.splits import write_splits
@@ -178,25 +179,15 @@ def _key(instance: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _check_same(path: Path, found: Manifest, wanted: Manifest) -> None:
-    pairs = [
-        (name, getattr(found, name), getattr(wanted, name))
-        for name in ("config", "seed", "classes", "cameras", "generator")
-    ]
-    pairs.append(("instances", [_key(i) for i in found.instances], [_key(i) for i in wanted.instances]))
-    for name, there, here in pairs:
-        if there != here:
-            raise DatasetError(
-                f"{path} is of another data set: {_difference(name, there, here)}. "
-                "Give another out=, or remove that folder"
-            )
-
-
-def _difference(name: str, there: Any, wanted: Any) -> str:
-    if isinstance(there, dict) and isinstance(wanted, dict):
-        for key in sorted(there.keys() | wanted.keys()):
-            if there.get(key) != wanted.get(key):
-                return _difference(f"{name}.{key}", there.get(key), wanted.get(key))
-    return f"{name} is {there} there, {wanted} here"
+    before, now = (
+        {name: getattr(manifest, name) for name in ("config", "seed", "classes", "cameras", "generator")}
+        | {"instances": [_key(instance) for instance in manifest.instances]}
+        for manifest in (found, wanted)
+    )
+    if difference := first_difference(before, now):
+        raise DatasetError(
+            f"{path} is of another data set, with {difference}: give another out=, or remove that folder"
+        )
 
 
 def _is_sound(path: Path, record: ShardRecord) -> bool:

@@ -6,7 +6,6 @@ second run with the same settings goes on where the first was stopped, and one w
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import json
 import logging
@@ -25,6 +24,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
+from pec.common.run_identity import settings_key
 from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.common.render_pool import run_jobs
@@ -115,8 +115,7 @@ def _evaluation(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def _folder(out: Path, name: str, *decisive: Any) -> Path:
     """A folder below OUT/work that is the same for the same settings."""
-    text = json.dumps(decisive, sort_keys=True)
-    path = out / "work" / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+    path = out / "work" / f"{name}-{settings_key(*decisive)}"
     path.mkdir(parents=True, exist_ok=True)
     return path
 

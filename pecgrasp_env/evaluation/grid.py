@@ -10,7 +10,6 @@ interrupted, and a cell whose settings, classifier or code have changed is anoth
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from pec.common.atomic_files import write_json
+from pec.common.run_identity import files_key, settings_key
 from pec.experiments.code_version import code_version
 from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.evaluation.episode import Episode
@@ -105,8 +105,7 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
 def cell_key(settings: Mapping[str, Any]) -> str:
     """16 hexadecimal digits that differ where the settings, the classifier or the code do."""
     decisive = {name: settings[name] for name in _DECISIVE}
-    content = [decisive, _classifier_version(settings["checkpoint"]), cell_code()]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return settings_key(decisive, _classifier_version(settings["checkpoint"]), cell_code())
 
 
 def read_cells(folder: str | os.PathLike[str]) -> list[Cell]:
@@ -136,6 +135,4 @@ def _classifier_version(checkpoint: str | None) -> str | None:
     if checkpoint is None:
         return None
     files = [Path(checkpoint) / name for name in ("config.json", "model.safetensors")]
-    if not all(file.is_file() for file in files):
-        return "missing"
-    return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
+    return files_key(files) if all(file.is_file() for file in files) else "missing"

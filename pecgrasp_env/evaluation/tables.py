@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from pec.common.run_identity import flat_settings
 from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
 from pecgrasp_env.evaluation.grid import Cell, read_cells
 from pecgrasp_env.evaluation.paired_tests import ALL, Comparison, compare
@@ -91,10 +92,10 @@ def _told_apart(cells: Sequence[Cell]) -> list[Cell]:
     """Cells of one name that are not of one kind get what they differ in beside it, so that no row mixes them."""
     result = []
     for cell in cells:
-        alike = [_flat(other.settings) for other in cells if other.scene == cell.scene]
+        alike = [flat_settings(other.settings) for other in cells if other.scene == cell.scene]
         beside = [name for name in alike[0] if name != "episodes" and not name.startswith("planner.")]
         differing = [name for name in beside if len({str(each.get(name)) for each in alike}) > 1]
-        told = "".join(f", {name}={_flat(cell.settings).get(name)}" for name in differing)
+        told = "".join(f", {name}={flat_settings(cell.settings).get(name)}" for name in differing)
         result.append(replace(cell, scene=cell.scene + told))
     names = Counter((cell.scene, cell.planner) for cell in result)
     # Other parameters of one planner, or another classifier at the same place.
@@ -102,13 +103,6 @@ def _told_apart(cells: Sequence[Cell]) -> list[Cell]:
         replace(cell, planner=f"{cell.planner} {cell.key[:4]}") if names[cell.scene, cell.planner] > 1 else cell
         for cell in result
     ]
-
-
-def _flat(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        flat.update(_flat(value, f"{where}{name}.") if isinstance(value, Mapping) else {where + name: value})
-    return flat
 
 
 def _natural(text: str) -> list[tuple[int, str]]:

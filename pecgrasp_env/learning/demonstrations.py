@@ -23,6 +23,7 @@ import gymnasium as gym
 import numpy as np
 
 from pec.common.atomic_files import replacing, write_json
+from pec.common.run_identity import first_difference
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.run import Protocol
@@ -123,8 +124,10 @@ def _info_file(folder: Path, seed: int) -> Path:
 def _claim(path: Path, recording: Recording) -> None:
     if not path.exists():
         write_json(path, asdict(recording))
-    elif json.loads(path.read_text()) != json.loads(json.dumps(asdict(recording))):
-        raise DemonstrationError(f"{path} is of another recording; choose another folder, or delete it")
+    elif difference := first_difference(json.loads(path.read_text()), asdict(recording)):
+        raise DemonstrationError(
+            f"{path} is of another recording, with {difference}: choose another folder, or delete it"
+        )
 
 
 def _join(folder: Path, seeds: Sequence[int], path: Path, env_kwargs: Mapping[str, Any]) -> None:

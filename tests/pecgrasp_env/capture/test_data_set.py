@@ -131,8 +131,8 @@ def test_other_classes_and_more_samples_change_no_sample(reference, tmp_path):
 
 def test_another_configuration_in_the_same_folder_is_refused(reference):
     for change, message in (
-        ({"max_depth": 1.5}, "config.max_depth is 2.0 there, 1.5 here"),
-        ({"seed": 8}, "config.seed is 7 there, 8 here"),
+        ({"max_depth": 1.5}, r"config\.max_depth=2\.0, not 1\.5"),
+        ({"seed": 8}, r"config\.seed=7, not 8"),
         ({"objects": ObjectsConfig(classes=("can",), instances_per_class=2)}, "config.objects.classes"),
     ):
         with pytest.raises(DatasetError, match=message):

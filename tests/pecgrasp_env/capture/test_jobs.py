@@ -135,7 +135,7 @@ def test_a_merge_makes_what_a_dead_job_left_out_and_a_job_goes_on(reference, tmp
 
 def test_a_part_of_another_data_set_is_not_merged(tmp_path):
     generate(replace(SMALL, seed=8), tmp_path / "data", workers=1, share=JobShare(0, 8))
-    with pytest.raises(DatasetError, match=r"manifest\.0of8\.json is of another data set: config\.seed is 8 there"):
+    with pytest.raises(DatasetError, match=r"manifest\.0of8\.json is of another data set, with config\.seed=8, not"):
         generate(SMALL, tmp_path / "data", workers=1)
 
 
