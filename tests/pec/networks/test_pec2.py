@@ -6,7 +6,8 @@ import torch
 from pec.networks.initialise import scale_initial_weights
 from pec.networks.pec import PEC
 from pec.networks.pec2 import PEC2
-from pec.training import loop as training
+from pec.training import run_state
+from pec.training.loop import train
 
 
 def test_it_is_smaller_than_the_published_network():
@@ -92,20 +93,20 @@ def test_interrupted_run_with_scaled_weights_ends_in_the_same_weights(shapes, tm
         "augment": {"subset": 0.7, "jitter": 0.001},
         "progress": False,
     }
-    whole = training.train(settings | {"output": str(tmp_path / "whole")})
+    whole = train(settings | {"output": str(tmp_path / "whole")})
 
-    done = training.write_checkpoint
+    done = run_state.write_checkpoint
 
     def stop_after_two_epochs(directory, checkpoint, state=None):
         done(directory, checkpoint, state)
         if state is not None and checkpoint.epoch == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(training, "write_checkpoint", stop_after_two_epochs)
+    monkeypatch.setattr(run_state, "write_checkpoint", stop_after_two_epochs)
     with pytest.raises(KeyboardInterrupt):
-        training.train(settings | {"output": str(tmp_path / "cut")})
+        train(settings | {"output": str(tmp_path / "cut")})
     monkeypatch.undo()
-    cut = training.train(settings | {"output": str(tmp_path / "cut")})
+    cut = train(settings | {"output": str(tmp_path / "cut")})
     for name in ("best", "last"):
         weights = [(tmp_path / run / name / "model.safetensors").read_bytes() for run in ("whole", "cut")]
         assert weights[0] == weights[1]

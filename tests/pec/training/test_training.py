@@ -19,7 +19,8 @@ from pec.common.threads import torch_threads
 from pec.data.dataset import load_dataset
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.training.config import read_config
-from pec.training.loop import log_class_shares, train
+from pec.training.epoch import log_class_shares
+from pec.training.loop import train
 from pec.training.run_split import split
 
 

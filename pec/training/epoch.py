@@ -1,0 +1,122 @@
+"""One epoch: a pass of gradient descent over the training clouds, every draw of which comes from (seed, epoch)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from pec.data.augment import augment
+from pec.data.tensor_dataset import PreparedClouds
+from pec.errors import TrainingError
+from pec.metrics import score
+from pec.networks.baselines import NearestNeighbours, PointNet
+from pec.networks.initialise import scale_initial_weights
+from pec.training.config import ProtocolConfig, TrainConfig
+
+__all__ = ["EpochResult", "Epochs", "learning_rate", "log_class_shares", "memorise"]
+
+_SCALING_CLOUDS = 512  # that initial weights are scaled to
+
+
+@dataclass(frozen=True)
+class EpochResult:
+    """Mean loss, accuracy in training in [0, 1], last learning rate."""
+
+    loss: float
+    accuracy: float
+    learning_rate: float
+
+
+class Epochs:
+    """Epochs over the `training` clouds as `config` says."""
+
+    def __init__(self, config: TrainConfig, training: PreparedClouds, n_classes: int) -> None:
+        self._config, self._training = config, training
+        self._device = training.candidates.device
+        self._batch_size = min(config.protocol.batch_size or len(training), len(training))
+        self._n_steps = math.ceil(len(training) / self._batch_size)
+        self._offsets = config.protocol.logit_adjustment * log_class_shares(training.labels, n_classes)
+        self._unchanging = None  # inputs that are the same in every epoch
+        if config.augment.is_identity and config.preprocess.n_views == 1:
+            self._unchanging = config.preprocess.arrange(training.candidates, training.valid)
+
+    def scale_initial_weights(self, model: nn.Module) -> None:
+        """Scale the weights of a fresh `model` to some of the clouds."""
+        seed = self._config.seed
+        generator = torch.Generator().manual_seed(seed)
+        index = torch.randperm(len(self._training), generator=generator)[:_SCALING_CLOUDS].to(self._device)
+        scale_initial_weights(model, self._draw(index, generator), seed)
+
+    def run(self, model: nn.Module, optimizer: torch.optim.Optimizer, epoch: int) -> EpochResult:
+        """Train `model` by one pass, the `epoch`-th from 0. Raises TrainingError where the loss is not finite."""
+        protocol, seed = self._config.protocol, self._config.seed * 1_000_003 + epoch
+        generator = torch.Generator().manual_seed(seed)
+        n = len(self._training)
+        # A full batch is not shuffled (as published): its order changes nothing but rounding.
+        order = torch.arange(n) if self._n_steps == 1 else torch.randperm(n, generator=generator)
+        loss_sum, correct, rate = 0.0, 0, protocol.learning_rate
+        model.train()
+        # Dropout draws from torch's own generator: seeded here like the others, and left as it was found.
+        with torch.random.fork_rng(devices=[self._device] if self._device.type == "cuda" else []):
+            torch.manual_seed(seed)
+            for step, index in enumerate(order.to(self._device).split(self._batch_size)):
+                if len(index) == 1:
+                    continue  # batch norm has no variance of one
+                rate = learning_rate(protocol, (epoch * self._n_steps + step) / (protocol.epochs * self._n_steps))
+                for group in optimizer.param_groups:
+                    group["lr"] = rate
+                labels = self._training.labels[index]
+                inputs = self._unchanging[index] if self._unchanging is not None else self._draw(index, generator)
+                logits, loss = self._loss(model, inputs, labels)
+                value = loss.item()
+                if not math.isfinite(value):
+                    raise TrainingError(f"the loss is {value} in epoch {epoch + 1}: learning rate {rate:g} is too high")
+                optimizer.zero_grad(set_to_none=True)
+                loss.backward()
+                optimizer.step()
+                loss_sum += value * len(index)
+                correct += int((logits.detach().argmax(dim=1) == labels).sum())
+        return EpochResult(loss_sum / n, correct / n, rate)
+
+    def _loss(self, model: nn.Module, inputs: torch.Tensor, labels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        protocol = self._config.protocol
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=protocol.precision == "bfloat16"):
+            logits = model(inputs)
+        logits = logits.float()
+        loss = nn.functional.cross_entropy(logits + self._offsets, labels, label_smoothing=protocol.label_smoothing)
+        if isinstance(model, PointNet):
+            assert model.penalty is not None
+            loss = loss + model.penalty
+        return logits, loss
+
+    def _draw(self, index: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        """Inputs of the clouds `index`, augmented, each in one of its equally valid poses."""
+        training, preprocess = self._training, self._config.preprocess
+        points, valid = augment(training.candidates[index], training.valid[index], self._config.augment, generator)
+        view = torch.randint(preprocess.n_views, (len(index),), generator=generator).to(self._device)
+        return preprocess.arrange(points, valid, view)
+
+
+def memorise(model: NearestNeighbours, config: TrainConfig, training: PreparedClouds) -> EpochResult:
+    """The epoch of k-nearest-neighbour: the clouds as they are; loss and accuracy by leave-one-out."""
+    inputs = config.preprocess.arrange(training.candidates, training.valid)
+    scores = score(model.fit(inputs, training.labels), training.labels)
+    return EpochResult(scores.loss, scores.accuracy, 0.0)
+
+
+def learning_rate(protocol: ProtocolConfig, progress: float) -> float:
+    """The rate at `progress` in [0, 1): constant, or a tenth of the run up and a cosine down to nothing."""
+    peak = protocol.learning_rate
+    if protocol.schedule == "constant":
+        return peak
+    if progress < 0.1:
+        return peak * (0.05 + 0.95 * progress / 0.1)
+    return peak * (0.5 + 0.5 * math.cos(math.pi * (progress - 0.1) / 0.9))
+
+
+def log_class_shares(labels: torch.Tensor, n_classes: int) -> torch.Tensor:
+    """(n_classes,) logarithms of each class's share of `labels` (n,) int64; an absent class counts as half a label."""
+    return (labels.bincount(minlength=n_classes).clamp_min(0.5) / len(labels)).log()
