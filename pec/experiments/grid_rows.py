@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pec.common.run_identity import flat_settings
 from pec.experiments.grid import read_cells
-from pec.training.config import flat_settings
 
 __all__ = [
     "Row",

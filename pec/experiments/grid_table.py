@@ -12,7 +12,6 @@ from statistics import fmean, stdev
 from typing import Any
 
 from pec.common.atomic_files import write_json, write_whole
-from pec.common.run_identity import flat_settings
 from pec.experiments.chart_files import png, standalone_svg
 from pec.experiments.grid import cell_code
 from pec.experiments.grid_plots import grid_plots
