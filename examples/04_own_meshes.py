@@ -5,8 +5,8 @@
 The folder holds MESHES/<class>/<instance>.{obj,ply,stl,glb}; here three classes of two simple meshes are written into
 one. The settings are small, so that it takes seconds. With your own meshes, and settings that are worth something:
 
-    python scripts/generate_dataset.py objects.path=MESHES out=clouds
-    python scripts/train.py dataset.path=clouds output=classifier
+    pecgrasp generate objects.path=MESHES out=clouds
+    pecgrasp train dataset.path=clouds output=classifier
 """
 
 import tempfile

@@ -2,7 +2,7 @@
 
     python examples/06_expert.py [CLASSIFIER]
 
-CLASSIFIER: a checkpoint of the classes on the table, such as `scripts/train.py` leaves. Without one a single object
+CLASSIFIER: a checkpoint of the classes on the table, such as `pecgrasp train` leaves. Without one a single object
 lies there, and needs none.
 """
 

@@ -5,9 +5,9 @@
 evaluates it on three scenes. On as many as you like, and beside another planner on the same scenes, each a command:
 
     export PYTHONPATH=examples            # the folder of your file
-    python scripts/evaluate_grasp.py planner._target_=07_own_planner.TopPlanner planner_name=top checkpoint=null \
+    pecgrasp evaluate planner._target_=07_own_planner.TopPlanner planner_name=top checkpoint=null \
         env.n_objects=1 env.classes=[can] episodes=20
-    python scripts/evaluate_grasp.py checkpoint=null env.n_objects=1 env.classes=[can] episodes=20
+    pecgrasp evaluate checkpoint=null env.n_objects=1 env.classes=[can] episodes=20
 """
 
 import tempfile

@@ -5,8 +5,8 @@
 makes a small data set of it. The same by the command, for which a class goes by its dotted name:
 
     export PYTHONPATH=examples            # the folder of your file
-    python scripts/generate_dataset.py objects.classes=[08_own_object_class.dumbbell,stapler,mug] out=clouds
-    python scripts/contact_sheet.py objects.classes=[08_own_object_class.dumbbell]
+    pecgrasp generate objects.classes=[08_own_object_class.dumbbell,stapler,mug] out=clouds
+    pecgrasp contact-sheet objects.classes=[08_own_object_class.dumbbell]
 """
 
 import tempfile

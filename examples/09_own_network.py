@@ -5,8 +5,8 @@
 trains it for three epochs. The same by the command, for which a network goes by its dotted name:
 
     export PYTHONPATH=examples            # the folder of your file
-    python scripts/train.py dataset.path=DATASET model.name=09_own_network.TinyNet preprocess=none output=tiny
-    python scripts/classify.py cloud=FILE checkpoint=tiny/best
+    pecgrasp train dataset.path=DATASET model.name=09_own_network.TinyNet preprocess=none output=tiny
+    pecgrasp classify cloud=FILE checkpoint=tiny/best
 """
 
 import sys
