@@ -20,8 +20,8 @@ from pec.training import train
 from pecgrasp_env.capture import CaptureConfig, ObjectsConfig, generate
 
 MESHES = {
-    "box": [trimesh.creation.box((0.12, 0.07, 0.05)), trimesh.creation.box((0.10, 0.08, 0.06))],
-    "tube": [trimesh.creation.cylinder(0.03, 0.12), trimesh.creation.cylinder(0.025, 0.10)],
+    "plate": [trimesh.creation.box((0.18, 0.12, 0.02)), trimesh.creation.box((0.16, 0.13, 0.03))],
+    "rod": [trimesh.creation.cylinder(0.015, 0.18), trimesh.creation.cylinder(0.012, 0.15)],
     "ball": [trimesh.creation.icosphere(2, 0.04), trimesh.creation.icosphere(2, 0.035)],
 }
 
