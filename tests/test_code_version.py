@@ -15,7 +15,7 @@ TRAINING, EPISODES = training_grid._CODE, evaluation_grid._CODE
 
 @pytest.fixture
 def tree(tmp_path):
-    for package in ("grasping", "pec", "pecgrasp_env"):
+    for package in ("grasping", "pec", "pecgrasp_env", "csrc"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     return tmp_path
 
@@ -48,13 +48,16 @@ def test_it_changes_with_the_statements_that_a_result_goes_through(tree, file, c
     assert [new != old for new, old in zip(after, before, strict=True)] == [changes_training, changes_episodes]
 
 
-@pytest.mark.parametrize(("package", "folder"), [("pec", "preprocessing"), ("grasping", "curvature_planner")])
-def test_it_changes_with_the_c_in_sub_folders(tree, package, folder):
+@pytest.mark.parametrize(
+    ("folder", "changes_training"),
+    [("pec/preprocessing/csrc", True), ("grasping/curvature_planner/csrc", False), ("csrc", True)],
+)
+def test_it_changes_with_the_c_in_sub_folders(tree, folder, changes_training):
     before = code_version(*EPISODES, root=tree), code_version(*TRAINING, root=tree)
-    source = next((tree / package / folder / "csrc").glob("*.c"))
+    source = next((tree / folder).glob("*.[ch]"))
     source.write_text(source.read_text() + "int extra;\n")
     assert code_version(*EPISODES, root=tree) != before[0]
-    assert (code_version(*TRAINING, root=tree) != before[1]) == (package == "pec")
+    assert (code_version(*TRAINING, root=tree) != before[1]) == changes_training
 
 
 def test_a_module_to_begin_with_that_has_moved_is_an_error(tree):

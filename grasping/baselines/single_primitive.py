@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import require_between
 from grasping.geometry.primitives import FLAT, primitive_of
-from grasping.geometry.principal_axes import object_axes, principal_axes, way_in
+from grasping.geometry.principal_axes import inward_axis, object_axes, principal_axes
 from grasping.geometry.sampling import thinned
 from grasping.geometry.surface_variation import surface_variation
 from grasping.grasp import Grasp, GraspPlan, Primitive, RegionReport, plan_from
@@ -129,7 +129,7 @@ def _fit(cloud: FloatArray, name: Primitive, up: FloatArray | None, plane: Float
     """The primitive of this name round the cloud (N, 3); see the planner for the rules."""
     if up is None:
         own = object_axes(cloud)
-        away = -way_in(cloud, own[:, 2])
+        away = -inward_axis(cloud, own[:, 2])
         axes = np.column_stack([own[:, 1], np.cross(away, own[:, 1]), away])
     else:
         seed = np.eye(3)[int(np.abs(up).argmin())]
@@ -154,6 +154,6 @@ def _ways(fit: _Fit, cloud: FloatArray) -> list[tuple[FloatArray, int]]:
     """(approach (3,), index of the closing axis): from the top, and from both ends of either level axis."""
     ways: list[tuple[FloatArray, int]] = [(-fit.axes[:, 2], 1), (-fit.axes[:, 2], 0)]
     for closing in (1, 0):
-        inward = way_in(cloud, fit.axes[:, 1 - closing])
+        inward = inward_axis(cloud, fit.axes[:, 1 - closing])
         ways += [(inward, closing), (-inward, closing)]
     return ways

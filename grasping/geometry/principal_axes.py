@@ -28,7 +28,7 @@ def object_axes(points: FloatArray) -> FloatArray:
     return np.column_stack([second, long, np.cross(second, long)])
 
 
-def way_in(points: FloatArray, axis: FloatArray) -> FloatArray:
+def inward_axis(points: FloatArray, axis: FloatArray) -> FloatArray:
     """The unit axis (3,), turned away from whoever saw the points (N, 3).
 
     A seen surface bulges towards the camera: what is farther out across the axis lies farther behind along it.

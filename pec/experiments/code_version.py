@@ -23,7 +23,7 @@ def code_version(begin: tuple[str, ...], libraries: tuple[str, ...], root: Path 
 
     Args:
         begin: our modules from which on imports lead to all that has a part in the result; those inside functions
-            count. All C of a package counts as soon as one of its modules is reached.
+            count. All C of a package, and what packages share, counts as soon as one of its modules is reached.
         libraries: distributions whose versions count.
         root: the folder of our packages.
 
@@ -36,8 +36,8 @@ def code_version(begin: tuple[str, ...], libraries: tuple[str, ...], root: Path 
     reached = _reached(begin, root)
     for path in sorted(reached):
         digest.update(f"{path.relative_to(root).as_posix()}\n{_statements(path.read_text())}\n".encode())
-    packages = {path.relative_to(root).parts[0] for path in reached}
-    for path in sorted(file for package in packages for file in (root / package).rglob("*.[ch]")):
+    folders = {path.relative_to(root).parts[0] for path in reached} | {"csrc"}  # which both compiled modules share
+    for path in sorted(file for folder in folders for file in (root / folder).rglob("*.[ch]")):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
