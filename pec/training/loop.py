@@ -120,6 +120,7 @@ def _flushed_denormals() -> Iterator[None]:
 
 
 def _device(name: str) -> torch.device:
+    """Where training runs. On "cuda": Never run: no GPU was at hand."""
     if name == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device=cuda, but torch finds no CUDA device")
     return torch.device("cuda" if name == "auto" and torch.cuda.is_available() else name.replace("auto", "cpu"))

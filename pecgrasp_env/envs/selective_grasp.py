@@ -161,7 +161,7 @@ class SelectiveGraspEnv(BaseEnv):
     and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for images. Arguments that make no
     sense raise `TaskError`; objects that do not fit on the table, `PlacementError` at the reset. A state
     (`get_state_dict`, `get_state`) holds the task's memory, too; it fits the objects of its own episode.
-    `num_envs` > 1 needs a GPU (`physx_cuda`; written for, never run there); on a CPU `SelectiveGraspSingle-v1` with
+    `num_envs` > 1 needs a GPU (`physx_cuda`). Never run: no GPU was at hand. On a CPU `SelectiveGraspSingle-v1` with
     `gymnasium.make_vec` runs many in as many processes.
 
     ## Version History
