@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -61,7 +62,7 @@ def _markdown(rows: Sequence[Row], title: str, figures: Mapping[tuple[int, int |
         published = _published(row, figures)
         fields = [row.model, str(row.points), row.order, row.protocol]
         if row.results:
-            low, high = _wilson(row)
+            low, high = _interval_of_mean(row)
             fields += [
                 _range(row.values("epochs")),
                 str(len(row.seeds)),
@@ -103,7 +104,7 @@ def _csv(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], float]) -
     for row in rows:
         for seed, result in zip(row.seeds, row.results, strict=True):
             best, n = result["best"], result["n_samples"]["test"]
-            low, high = wilson_interval(n * best["test_accuracy"], n)
+            low, high = wilson_interval(round(n * best["test_accuracy"]), n)
             line = {
                 "model": row.model,
                 "points": row.points,
@@ -147,7 +148,7 @@ def _summaries(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], flo
                 "test_accuracy": accuracies,
                 "mean": fmean(accuracies) if accuracies else None,
                 "deviation": stdev(accuracies) if len(accuracies) > 1 else None,
-                "wilson": list(_wilson(row)) if accuracies else None,
+                "wilson": list(_interval_of_mean(row)) if accuracies else None,
                 "last_test_accuracy": row.values("last", "test_accuracy"),
                 "train_accuracy": row.values("best", "train_accuracy"),
                 "published": None if (figure := _published(row, figures)) is None else figure / 100,
@@ -159,9 +160,16 @@ def _summaries(rows: Sequence[Row], figures: Mapping[tuple[int, int | None], flo
     return summaries
 
 
-def _wilson(row: Row) -> tuple[float, float]:
-    n = row.results[0]["n_samples"]["test"]
-    return wilson_interval(n * fmean(row.values("best", "test_accuracy")), n)
+def _interval_of_mean(row: Row) -> tuple[float, float]:
+    """Wilson's 95 % interval of the mean accuracy over the seeds on one test split.
+
+    Written out because a mean over seeds is no whole count of clouds, which `wilson_interval` takes.
+    """
+    n, p, z = row.results[0]["n_samples"]["test"], fmean(row.values("best", "test_accuracy")), 1.959964
+    centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    # At the ends the formula is exact but its arithmetic is not.
+    return (0.0 if p == 0 else centre - half, 1.0 if p == 1 else centre + half)
 
 
 def _percent(shares: Sequence[float]) -> str:

@@ -101,7 +101,13 @@ def test_table_says_what_the_cells_measured(grid):
     assert row[:6] == ["pec", "64", "groups of 16", "honest", "1", "2"]
     assert row[6] == f"{100 * fmean(pair):.2f} ± {100 * stdev(pair):.2f}"
     n = cells[0]["results"]["n_samples"]["test"]
-    low, high = wilson_interval(n * fmean(pair), n)
+    low, high = next(
+        line["wilson"] for line in json.loads((grid / "results.json").read_text())["rows"] if len(line["seeds"]) == 2
+    )
+    for end in (low, high):  # where Wilson's interval ends the mean is 1.96 standard errors away
+        assert (fmean(pair) - end) ** 2 == pytest.approx(1.959964**2 * end * (1 - end) / n)
+    assert low <= fmean(pair) <= high
+    assert low < high
     assert row[7] == f"{100 * low:.1f}–{100 * high:.1f}"
     assert row[10] == "99.3"
     assert row[-1] == "protocol.learning_rate=0.002"
@@ -147,7 +153,7 @@ def test_csv_and_json_have_a_line_a_cell(grid):
     assert {line["published"] for line in lines if line["order"] == "groups of 4"} == {"0.93"}
     for line in lines:
         n, share = int(line["n_test"]), float(line["test_accuracy"])
-        assert float(line["wilson_low"]) == pytest.approx(wilson_interval(n * share, n)[0])
+        assert float(line["wilson_low"]) == pytest.approx(wilson_interval(round(n * share), n)[0])
         assert json.loads(line["settings"])["protocol"]["epochs"] == int(line["epochs"]) == 1
     rows = json.loads((grid / "results.json").read_text())["rows"]
     assert sum(len(row["seeds"]) for row in rows) == len(lines)
