@@ -146,7 +146,7 @@ def test_ten_right_answers_are_not_certainty():
     log_probabilities[:, 0] = torch.tensor(0.98).log()
     temperature = fit_temperature(log_probabilities, torch.zeros(10, dtype=torch.int64))
     confidence = (log_probabilities / temperature).softmax(dim=1)[:, 0]
-    assert confidence.numpy() == pytest.approx(11 / 12, abs=0.002)
+    assert confidence.numpy() == pytest.approx(11 / 12, abs=1e-5)
 
 
 def test_scores_of_a_known_case():
