@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import io
 import lzma
 import math
+import tokenize
+import warnings
 import zipfile
 import zlib
 
@@ -15,6 +16,17 @@ from numpy.typing import NDArray
 from grasping.errors import CloudError
 
 _ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
+# What NumPy raises where it evaluates a damaged header as a Python literal.
+_HEADER_ERRORS = (
+    ValueError,
+    TypeError,
+    SyntaxError,
+    KeyError,
+    IndexError,
+    RecursionError,
+    MemoryError,
+    tokenize.TokenError,
+)
 
 
 def read_npy(data: bytes) -> NDArray:
@@ -56,37 +68,31 @@ def read_npz(data: bytes) -> NDArray:
 
 
 def _array(data: bytes) -> NDArray:
-    shape, fortran, dtype, begin = _header(data)
+    """What `np.load` gives, which would allocate all that a header promises before it finds the file too short."""
+    file = io.BytesIO(data)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers by Python 2, and of odd literals in damaged ones
+            if np.lib.format.read_magic(file) == (1, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+            else:  # version 3 differs in the encoding of fields' names only
+                shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
+    except _HEADER_ERRORS as error:
+        raise CloudError(f"not a readable .npy: {str(error)[:200]}") from error
     if dtype.hasobject:
         raise CloudError("it holds Python objects, which are not unpickled")
     if not dtype.itemsize:
         raise CloudError(f"an array of {dtype} holds no numbers")
-    needed = math.prod(shape) * dtype.itemsize
-    if needed > len(data) - begin:
-        raise CloudError(f"an array of shape {shape} needs {needed} bytes, and {len(data) - begin} are there")
-    array = np.frombuffer(data, dtype, count=math.prod(shape), offset=begin)
-    return array.reshape(shape, order="F" if fortran else "C")
-
-
-def _header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
-    """Shape, whether columns come first, type of the numbers, and where they begin."""
-    lengths = {b"\x93NUMPY\1\0": "<u2", b"\x93NUMPY\2\0": "<u4"}
-    if data[:8] not in lengths or len(data) < 12:
-        raise CloudError("not a readable .npy: it does not begin as version 1 or 2 of the format")
-    length = np.dtype(lengths[data[:8]])
-    begin = 8 + length.itemsize + int(np.frombuffer(data, length, count=1, offset=8)[0])
-    words = data[8 + length.itemsize : begin].decode("latin1")
-    if len(words) > 10_000:  # a longer one would be parsed for seconds
-        raise CloudError(f"not a readable .npy: its header has {len(words)} characters")
-    try:
-        fields = ast.literal_eval(words.strip())
-        shape, fortran = fields["shape"], fields["fortran_order"]
-        dtype = np.lib.format.descr_to_dtype(fields["descr"])
-    except (ValueError, TypeError, SyntaxError, KeyError, IndexError, RecursionError, MemoryError) as error:
-        raise CloudError(f"not a readable .npy: its header is {words.strip()[:120]!r}") from error
-    if not (isinstance(shape, tuple) and all(isinstance(size, int) and size >= 0 for size in shape)):
+    if min(shape, default=0) < 0:
         raise CloudError(f"not a readable .npy: its shape is {shape!r:.120}")
-    return shape, bool(fortran), dtype, begin
+    needed, there = math.prod(shape) * dtype.itemsize, len(data) - file.tell()
+    if needed > there:
+        raise CloudError(f"an array of shape {shape} needs {needed} bytes, and {there} are there")
+    array = np.frombuffer(data, dtype, count=math.prod(shape), offset=file.tell())
+    try:
+        return array.reshape(shape, order="F" if fortran else "C")
+    except ValueError as error:  # of no points, but in more rows than can be counted
+        raise CloudError(f"not a readable .npy: {error}") from error
 
 
 def _is_cloud(array: NDArray) -> bool:
@@ -107,7 +113,7 @@ def _cloud(array: NDArray, name: str) -> NDArray:
 
 
 def _back_projected(depth: NDArray, intrinsics: NDArray) -> NDArray[np.float64]:
-    """The organised cloud (H, W, 3) of a depth picture (H, W), NaN where the depth is 0 or less."""
+    """The organised cloud (H, W, 3) of a depth image (H, W), NaN where the depth is 0 or less."""
     if depth.ndim != 2 or depth.dtype.kind not in "fiu":
         raise CloudError(f"array 'depth': shape {depth.shape} of {depth.dtype}, expected numbers (H, W)")
     if intrinsics.shape != (3, 3) or intrinsics.dtype.kind not in "fiu":

@@ -164,6 +164,13 @@ def npy(array: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
+def npy_header(shape: tuple[int, ...]) -> bytes:
+    """A file that ends where the numbers would begin."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    return buffer.getvalue()
+
+
 def npz(**arrays: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
@@ -207,6 +214,15 @@ ASCII_PLY, ASCII_PCD = PLY.format("ascii").encode() + b"end_header\n", PCD.forma
         ("pickle.npy", npy(np.array([[{}, 1, 2]])), "Python objects"),
         ("pickle.npz", npz(points=np.array([[{}, 1, 2]])), "array 'points': it holds Python objects"),
         ("cut.npy", npy(POINTS)[:-1], r"shape \(3, 3\) needs 36 bytes, and 35 are there"),
+        (
+            "vast.npy",
+            npy_header((10**12, 3)),
+            r"shape \(1000000000000, 3\) needs 12000000000000 bytes, and 0 are there",
+        ),
+        ("less.npy", npy_header((-1, 3)), r"not a readable .npy: its shape is \(-1, 3\)"),
+        ("rows.npy", npy_header((10**30, 0)), "not a readable .npy"),
+        ("torn.npy", npy(POINTS).replace(b"}", b" "), "not a readable .npy"),
+        ("newer.npy", b"\x93NUMPY\x09\x00" + npy(POINTS)[8:], "not a readable .npy"),
         ("words.npy", b"not a file of numpy's", "not a readable .npy"),
         ("none.npz", npz(label=np.zeros(3)), r"no array of shape .* among label \(3,\)"),
         ("two.npz", npz(colors=POINTS, cloud=POINTS), "the cloud may be any of colors, cloud; name it 'points'"),
