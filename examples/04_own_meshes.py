@@ -15,7 +15,7 @@ from pathlib import Path
 import trimesh
 
 from pec import Classifier
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.training import train
 from pecgrasp_env.capture import CaptureConfig, ObjectsConfig, generate
 

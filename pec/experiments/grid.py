@@ -19,7 +19,7 @@ from typing import Any
 
 from pec.common.atomic_files import write_json
 from pec.common.run_identity import settings_key
-from pec.data.dataset import data_version
+from pec.data.loading import data_version
 from pec.experiments.code_version import code_version
 from pec.training.loop import train
 

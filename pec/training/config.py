@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
 
 from pec.data.augment import Augment
-from pec.data.dataset import SIZES
+from pec.data.loading import SIZES
 from pec.errors import ConfigError
 from pec.networks.registry import check_model
 from pec.preprocessing.preprocess import Preprocess

@@ -10,7 +10,8 @@ from typing import Any
 
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.common.run_identity import first_difference
-from pec.data.dataset import CloudDataset, data_version, load_dataset
+from pec.data.dataset import CloudDataset
+from pec.data.loading import data_version, load_dataset
 from pec.errors import CheckpointError, ConfigError, DatasetError
 from pec.training.config import TrainConfig, read_config
 from pec.training.run_split import split

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from pec.data.dataset import data_version, load_dataset
+from pec.data.loading import data_version, load_dataset
 from pec.data.tensor_dataset import PreparedClouds, prepare
 from pec.errors import DatasetError
 from pec.training.config import TrainConfig
@@ -17,7 +17,7 @@ __all__ = ["RunData", "load_run_data"]
 
 @dataclass(frozen=True)
 class RunData:
-    """version: of the data set, as `pec.data.dataset.data_version`. selection: what chooses the epoch."""
+    """version: of the data set, as `pec.data.loading.data_version`. selection: what chooses the epoch."""
 
     classes: list[str]
     version: str

@@ -21,7 +21,8 @@ import numpy as np
 
 from pec import Classifier
 from pec.common.atomic_files import write_json
-from pec.data.dataset import CloudDataset, load_dataset
+from pec.data.dataset import CloudDataset
+from pec.data.loading import load_dataset
 from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.experiments.scene_clouds import capture_scenes

@@ -10,7 +10,7 @@ import torch
 from pec import PEC, Classifier
 from pec.checkpoint import Checkpoint, write_checkpoint
 from pec.classifier import UNKNOWN
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.errors import CheckpointError, CloudError, ConfigError
 from pec.metrics import average_views, expected_calibration_error, fit_temperature, rejection_threshold, score
 from pec.preprocessing.preprocess import Preprocess

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pec.data import dataset as clouds
-from pec.data.dataset import load_dataset, remove_around_random_point
+from pec.data import loading
+from pec.data.dataset import remove_around_random_point
+from pec.data.loading import load_dataset
 from pec.data.shards import read_manifest, write_manifest
 from pec.data.tensor_dataset import prepare
 from pec.errors import DatasetError
@@ -38,7 +39,7 @@ def test_clouds_are_read_only_views_of_the_files(shapes):
 
 def test_shards_beyond_those_that_may_stay_open_are_the_same(shapes, monkeypatch):
     mapped = load_dataset(shapes)
-    monkeypatch.setattr(clouds, "_MOST_MAPPED", 1)
+    monkeypatch.setattr(loading, "_MOST_MAPPED", 1)
     read = load_dataset(shapes)
     assert all(np.array_equal(a, b) for a, b in zip(mapped.clouds, read.clouds, strict=True))
 

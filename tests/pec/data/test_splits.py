@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pec.data.dataset import CloudDataset, load_dataset
+from pec.data.dataset import CloudDataset
+from pec.data.loading import load_dataset
 from pec.data.splits import SPLITS_NAME, divide, read_splits, split_by_instance, split_by_sample, write_splits
 from pec.errors import DatasetError
 

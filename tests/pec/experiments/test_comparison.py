@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pec import Classifier
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.errors import ConfigError, DatasetError
 from pec.experiments.comparison import compare_classifiers, comparison_table
 from pec.statistics import mcnemar, wilson_interval

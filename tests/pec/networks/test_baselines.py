@@ -13,7 +13,7 @@ import torch
 from safetensors.torch import load_file
 
 from pec import Classifier
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.networks.baselines import NearestNeighbours, PointNet
 from pec.networks.baselines.knn import describe
 from pec.networks.baselines.neighbourhoods import farthest_points, nearest, squared_distances, take

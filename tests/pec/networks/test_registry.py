@@ -7,7 +7,7 @@ from torch import nn
 
 from pec.checkpoint import read_checkpoint
 from pec.classifier import Classifier
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.errors import CheckpointError, ConfigError
 from pec.networks.registry import build_model
 from pec.training import train

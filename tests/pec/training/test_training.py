@@ -16,7 +16,7 @@ from safetensors.torch import load_file
 
 from pec.checkpoint import read_checkpoint, read_training_state
 from pec.common.threads import torch_threads
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.errors import ConfigError, DatasetError, TrainingError
 from pec.training.config import read_config
 from pec.training.epoch import log_class_shares

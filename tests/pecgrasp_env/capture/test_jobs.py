@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.data.shards import read_manifest, read_shard, write_manifest
 from pec.errors import DatasetError
 from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, generate

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.data.shards import read_manifest, read_shard
 from pec.errors import DatasetError
 from pec.training.config import DatasetConfig

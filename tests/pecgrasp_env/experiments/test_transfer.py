@@ -8,7 +8,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from pec.data.dataset import load_dataset
+from pec.data.loading import load_dataset
 from pec.data.shards import read_manifest, read_shard
 from pec.errors import DatasetError
 from pecgrasp_env.experiments.scene_clouds import capture_scenes
