@@ -33,6 +33,7 @@ def use_this_checkout() -> None:
     """Its packages, one core and no GPU, here and in processes that are started; before anything is imported."""
     sys.path.insert(0, str(ROOT))
     os.environ |= {"PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
+    os.environ["PYTHONHASHSEED"] = "0"  # ManiSkill lists the pictures of an observation in the order of a set
     import torch
 
     import grasping

@@ -25,7 +25,7 @@ def digest(value: Any) -> str:
 
 
 def in_a_fresh_process(item: Callable[..., Values], *args: Any) -> Values:
-    """Each case's digest, made in a process of its own: the physics engine remembers what it simulated before."""
+    """Each case's digest, made in a process of its own, in which nothing else was simulated before."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         yield from pool.submit(_digests, item, *args).result()
 

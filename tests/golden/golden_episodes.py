@@ -53,6 +53,11 @@ class Looked(Mapping[str, Any]):
         return len(self.pictures)
 
 
+def with_coarse_forces(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Grip forces to 0.1 N: their last bits differ by run, as if contacts were added up in any order."""
+    return {name: value.round(decimals=1) if name in ("force", "grip_force") else value for name, value in told.items()}
+
+
 class Recorder(gym.Wrapper):
     """Draws pictures only when they are looked at, and notes these, the state, actions, rewards and info."""
 
@@ -63,16 +68,18 @@ class Recorder(gym.Wrapper):
 
     def reset(self, **choices: Any) -> tuple[Any, dict[str, Any]]:
         obs, info = self.env.reset(**choices)
-        return self.noted(obs, info), info
+        return self.noted(obs, info, []), info
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         obs, reward, terminated, truncated, info = self.env.step(action)
-        return self.noted(obs, [action, reward, terminated, truncated, info]), reward, terminated, truncated, info
+        obs = self.noted(obs, info, [action, reward, terminated, truncated])
+        return obs, reward, terminated, truncated, info
 
-    def noted(self, obs: dict[str, Any], beside: Any) -> dict[str, Any]:
+    def noted(self, obs: dict[str, Any], info: dict[str, Any], action_and_reward: list[Any]) -> dict[str, Any]:
         """The observation, of which everything is noted now, and a picture once it is looked at."""
         state = {name: value for name, value in obs.items() if name != "sensor_data"}
-        self.notes.append(digest([state, beside]))
+        state["extra"] = with_coarse_forces(state["extra"])
+        self.notes.append(digest([state, action_and_reward, with_coarse_forces(info)]))
         cameras = {name: Looked(pictures, self.notes) for name, pictures in obs["sensor_data"].items()}
         return {**obs, "sensor_data": cameras}
 
@@ -103,7 +110,8 @@ def episodes(clutter: str) -> Values:
         outcomes[episode.outcome] += 1
         told = {name: value for name, value in vars(episode).items() if name != "stages"}
         log = policy.log
-        yield f"{clutter} {seed:02d}", [env.recorded(), told, log.grasp, log.plan, log.objects, log.held_m, log.held_n]
+        force = None if log.held_n is None else round(log.held_n, 1)
+        yield f"{clutter} {seed:02d}", [env.recorded(), told, log.grasp, log.plan, log.objects, log.held_m, force]
     env.close()
     print(f"    {clutter}: {dict(outcomes)}")
 
