@@ -118,6 +118,7 @@ def test_a_checkpoint_is_exported(trained, tmp_path, capsys):
     assert (tmp_path / "model.onnx").stat().st_size == results(tmp_path)["bytes"]
 
 
+@pytest.mark.slow
 def test_ablate_trains_its_grid_and_prints_one_table(data, tmp_path, capsys):
     grid = ["experiment=learning_rates", "protocol.learning_rate=0.01,0.001", "protocol.epochs=1"]
     run("ablate", *grid, f"dataset.path={data}", f"folder={tmp_path}", f"cache={tmp_path}/cache", "progress=false")
@@ -127,6 +128,7 @@ def test_ablate_trains_its_grid_and_prints_one_table(data, tmp_path, capsys):
     assert list(tmp_path.glob("*.md"))
 
 
+@pytest.mark.slow
 def test_a_contact_sheet_is_an_image_of_the_asked_for_size(tmp_path):
     image = pytest.importorskip("PIL.Image")
     run("contact-sheet", "objects.classes=[can]", "instances=2", "size=32", f"out={tmp_path}/sheet.png")
@@ -139,18 +141,21 @@ def test_published_figures_are_counted(tmp_path):
     assert results(tmp_path)
 
 
+@pytest.mark.slow
 def test_benchmark_measures_the_part_that_is_asked_for(tmp_path):
     small = ["cloud_sizes=[256]", "repeats=1", "start_repeats=1", "plan_at_most_ms={256:1000}"]
     run("benchmark", "parts=[planning]", *small, f"output={tmp_path}")
     assert results(tmp_path)["planning"]
 
 
+@pytest.mark.slow
 def test_evaluate_plays_an_episode_and_leaves_its_report(tmp_path, capsys):
     run("evaluate", *ALONE, "checkpoint=null", "episodes=1", "planner=centroid", f"folder={tmp_path}")
     assert "1 of 1 episodes" in capsys.readouterr().out
     assert (tmp_path / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_demonstrations_are_recorded(tmp_path, capsys):
     run("record-demos", *ALONE, "episodes=1", "keep=all", f"out={tmp_path}")
     assert (tmp_path / "trajectory.h5").exists()

@@ -21,6 +21,8 @@ SAYS = {
     "08_own_object_class": r"dumbbell: 2 instances, 20 clouds",
 }
 
+SLOW = {"04_own_meshes", "06_expert", "07_own_planner", "08_own_object_class"}  # data sets and episodes
+
 
 def run(name: str, *arguments: str) -> str:
     """What the example prints. It sees the repository, whether or not this is installed."""
@@ -34,7 +36,9 @@ def run(name: str, *arguments: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("name", SAYS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in SAYS]
+)
 def test_example(name):
     assert re.search(SAYS[name], run(name))
 

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -173,14 +174,21 @@ def test_the_command_needs_neither_torch_nor_the_simulator() -> None:
     assert ended.stdout.strip() == "[]", ended.stderr
 
 
-def readme_lines(number: int) -> str:
-    """Of the section on one's own robot."""
-    section = (ROOT / "README.md").read_text().split("## Use it on your own robot")[1]
-    return section.split("```python\n")[number].split("```")[0]
+def python_lines(page: str, number: int) -> str:
+    """Of a page's blocks of Python, the one of this number."""
+    return (ROOT / page).read_text().split("```python\n")[number].split("```")[0]
 
 
-def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = readme_lines(1)
+def test_the_readmes_composed_lines_run_as_they_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    exec(python_lines("README.md", 2), names)
+    assert len(names["scene"].objects) == 4
+    assert names["T_camera_grasp"].shape == (4, 4)
+
+
+def test_the_lines_on_ones_own_robot_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = python_lines("docs/own_robot.md", 1)
     assert len([line for line in lines.splitlines() if line]) <= 10
     monkeypatch.chdir(tmp_path)
     points = table_scene().astype("<f4")
@@ -192,7 +200,7 @@ def test_the_lines_of_the_readme_run_as_they_stand(tmp_path: Path, monkeypatch: 
     assert 0.04 < names["width"] < names["opening"] <= ROBOTIQ_2F_140.stroke
 
 
-def test_the_readmes_lines_on_several_views_run_as_they_stand() -> None:
+def test_the_lines_on_several_views_run_as_they_stand() -> None:
     views = [turned(angle, look_down(35.0)) for angle in (0.0, 60.0, -60.0)]
     names = {
         "frames": [render(BOXES, T_world_camera, 0.001, seed)[0] for seed, T_world_camera in enumerate(views)],
@@ -200,7 +208,7 @@ def test_the_readmes_lines_on_several_views_run_as_they_stand() -> None:
         **{name: getattr(grasping, name) for name in ("ROBOTIQ_2F_140", "CurvaturePlanner", "Segmenter")},
         "np": np,
     }
-    exec(readme_lines(2), names)
+    exec(python_lines("docs/own_robot.md", 2), names)
     assert names["fused"].kept == [0, 1, 2]
     assert len(names["rest"]) == len(BOXES) - 1
     pose = views[0] @ names["plan"].best.pose
