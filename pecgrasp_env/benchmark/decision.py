@@ -1,4 +1,4 @@
-"""From a frame to a grasp and the arm's way to it: how long each stage of the scripted policy computes.
+"""From a frame to a grasp and the arm's path to it: how long each stage of the scripted policy computes.
 
 The frame is of the task's wrist camera with a D435's faults, three objects on the table, one of which is decided for.
 """
@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from pecgrasp_env.benchmark.timing import Row, rows_of, side_by_side
 
-_TREE, _DECISION = "k-d tree of the frame", "frame to grasp and way"
+_TREE, _DECISION = "k-d tree of the frame", "frame to grasp and path"
 _STAGES = ("segment", "classify", "plan grasp", "plan motion")
 
 
@@ -31,26 +31,28 @@ def decision(settings: Mapping[str, Any]) -> list[Row]:
     from pecgrasp_env.sensor import deproject
 
     env = gym.make("SelectiveGrasp-v1", obs_mode="depth", sensor="d435", sim_backend="physx_cpu", render_backend="cpu")
-    percept = read_observation(env.reset(seed=settings["seed"])[0])
+    observation = read_observation(env.reset(seed=settings["seed"])[0])
     env.close()
     torch.manual_seed(settings["seed"])
     model = PEC(64, len(LARS_CLASSES)).eval()  # weights do not matter to the time
-    way = TrainConfig(DatasetConfig(""), "").preprocess
-    policy = ScriptedPolicy(Classifier(Checkpoint(model, list(LARS_CLASSES), way, 1.0, 0)), min_confidence=1e-6)
-    cloud = deproject(*percept.frame).reshape(-1, 3)
+    preprocess = TrainConfig(DatasetConfig(""), "").preprocess
+    policy = ScriptedPolicy(Classifier(Checkpoint(model, list(LARS_CLASSES), preprocess, 1.0, 0)), min_confidence=1e-6)
+    cloud = deproject(*observation.frame).reshape(-1, 3)
     cloud = cloud[np.isfinite(cloud).all(axis=1)]
     taken: dict[str, list[float]] = {stage: [] for stage in _STAGES}
 
     def decide() -> None:
-        arguments = (*percept.frame, percept.T_base_camera, LARS_CLASSES[0])
-        pick = policy.plan_only(*arguments, q=percept.q, opening=percept.opening)
+        arguments = (*observation.frame, observation.T_base_camera, LARS_CLASSES[0])
+        pick = policy.plan_only(*arguments, q=observation.q, opening=observation.opening)
         if pick.reason is not None:
             raise RuntimeError(f"seed={settings['seed']}: nothing to time, {pick.reason}")
         for stage in _STAGES:
             taken[stage] += policy.log.stages[stage]
 
     times = side_by_side({_TREE: lambda: cKDTree(cloud), _DECISION: decide}, settings["repeats"])
-    rows = rows_of(times, _TREE, f"{percept.frame.intrinsics.width}x{percept.frame.intrinsics.height}, 3 objects")
+    rows = rows_of(
+        times, _TREE, f"{observation.frame.intrinsics.width}x{observation.frame.intrinsics.height}, 3 objects"
+    )
     if "decide_at_most_ms" in settings:
         rows[-1]["at_most_ms"] = float(settings["decide_at_most_ms"])
     whole = times[_DECISION]

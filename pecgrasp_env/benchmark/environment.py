@@ -19,7 +19,7 @@ _YARDSTICK = "PickCube-v1, depth"
 
 
 class _Standing:
-    """An environment whose robot is told to stay where it is."""
+    """An environment whose robot is commanded to stay where it is."""
 
     def __init__(self, env: Any, hand: tuple[float, ...]) -> None:
         self.env, self._hand = env, hand

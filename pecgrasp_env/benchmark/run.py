@@ -29,7 +29,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = print) -> dict[str, Any]:
-    """Measure the parts named in settings["parts"]; returns the rows of each, which `say` is also told as a table."""
+    """Measure the parts named in settings["parts"]; returns the rows of each, which `say` also gets as a table."""
     import torch
 
     torch.set_num_threads(1)
@@ -67,11 +67,11 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
     for resolution in settings["resolutions"]:
         env = _task(n_objects=5, resolution=resolution, obs_mode="depth")
         obs, _ = env.reset(seed=settings["seed"])
-        percept = read_observation(obs)
+        observation = read_observation(obs)
         env.close()
-        cloud = deproject(*percept.frame)
-        cloud[gripper_mask(cloud, percept.opening)] = np.nan
-        T = percept.T_base_camera
+        cloud = deproject(*observation.frame)
+        cloud[gripper_mask(cloud, observation.opening)] = np.nan
+        T = observation.T_base_camera
         cloud = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
         valid = cloud[np.isfinite(cloud).all(axis=2)]
         segmenters: dict[str, Any] = {"default": Segmenter(), "published": Segmenter.published()}

@@ -56,7 +56,7 @@ class EpisodeRecorder:
 
             def caption(badge: tuple[str, str] | None = None) -> np.ndarray:
                 heading = f"Episode {place}: the {target.replace('_', ' ')} is asked for"
-                depth = None if policy.percept is None else policy.percept.frame.depth
+                depth = None if policy.observation is None else policy.observation.frame.depth
                 return compose(pictures[-1], heading, policy.log.doing, depth=depth, badge=badge)
 
             def on_step(env: Any) -> None:
@@ -81,9 +81,9 @@ class EpisodeRecorder:
 
 
 def _with_sight(record: EpisodeRecord, sight: Sight) -> EpisodeRecord:
-    percept = sight.percept
-    cloud = deproject(*percept.frame).reshape(-1, 3)
-    T = percept.T_base_camera
+    observation = sight.observation
+    cloud = deproject(*observation.frame).reshape(-1, 3)
+    T = observation.T_base_camera
     cloud = cloud[np.isfinite(cloud).all(axis=1)] @ T[:3, :3].T + T[:3, 3]
     objects = []
     for index, seen in enumerate(sight.objects):

@@ -46,7 +46,7 @@ def run_demo(
     """Run all of it, or what is left of it.
 
     settings: what conf/demo.yaml makes. configuration: the same as text, and command: what was typed, for the report.
-    say: told what happens.
+    say: called with what happens, in words.
     Returns what is also written to OUT/results.json; OUT/report.html and OUT/video.mp4 lie beside it.
     """
     out = Path(settings["out"])

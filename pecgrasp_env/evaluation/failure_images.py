@@ -82,7 +82,7 @@ def observed_image(sight: Sight) -> np.ndarray:
 
     Where one was chosen, only the part about it, with the best grasp as pads and hand in red.
     """
-    observation = sight.percept
+    observation = sight.observation
     depth = observation.frame.depth
     height, width = depth.shape
     places = [np.column_stack(_pixels(observation, seen.points)) for seen in sight.objects]

@@ -19,19 +19,19 @@ from pecgrasp_env.policy.seen_objects import SeenObject
 class Sight:
     """What the policy had before it when it planned, or looked last. objects, plan: in the robot's base frame."""
 
-    percept: RobotObservation
+    observation: RobotObservation
     objects: list[SeenObject]
     chosen: int | None = None
     plan: GraspPlan | None = None
 
 
 class Watched:
-    """Does what the policy does. percept: the last observation."""
+    """Does what the policy does. observation: the last one."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self.sight: Sight | None = None
-        self.percept: RobotObservation | None = None
+        self.observation: RobotObservation | None = None
 
     @property
     def log(self) -> PolicyLog:
@@ -43,15 +43,15 @@ class Watched:
 
     def reset(self, target: str) -> None:
         self._policy.reset(target)
-        self.sight = self.percept = None
+        self.sight = self.observation = None
 
     def act(self, obs: Mapping[str, Any]) -> np.ndarray:
         views, plan = self.log.views, self.log.plan
         action = self._policy.act(obs)
         log = self.log
-        self.percept = percept = read_observation(obs)
+        self.observation = observation = read_observation(obs)
         if log.plan is not plan:
-            self.sight = Sight(percept, list(log.objects), log.chosen, log.plan)
+            self.sight = Sight(observation, list(log.objects), log.chosen, log.plan)
         elif log.views != views and (self.sight is None or self.sight.plan is None):
-            self.sight = Sight(percept, list(log.objects))
+            self.sight = Sight(observation, list(log.objects))
         return action

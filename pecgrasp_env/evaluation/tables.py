@@ -95,8 +95,8 @@ def _told_apart(cells: Sequence[Cell]) -> list[Cell]:
         alike = [flat_settings(other.settings) for other in cells if other.scene == cell.scene]
         beside = [name for name in alike[0] if name != "episodes" and not name.startswith("planner.")]
         differing = [name for name in beside if len({str(each.get(name)) for each in alike}) > 1]
-        told = "".join(f", {name}={flat_settings(cell.settings).get(name)}" for name in differing)
-        result.append(replace(cell, scene=cell.scene + told))
+        settings = "".join(f", {name}={flat_settings(cell.settings).get(name)}" for name in differing)
+        result.append(replace(cell, scene=cell.scene + settings))
     names = Counter((cell.scene, cell.planner) for cell in result)
     # Other parameters of one planner, or another classifier at the same place.
     return [
@@ -212,8 +212,8 @@ def _reasons(cells: Sequence[Cell]) -> list[str]:
             summary = summarise(cell.episodes)
             for title, counts in (("gave up", summary["reasons"]), ("a try failed", summary["failures"])):
                 if counts:
-                    told = "; ".join(f"{text} × {count}" for text, count in counts.items())
-                    lines.append(f"- {where}, {title}: {told}")
+                    reasons = "; ".join(f"{text} × {count}" for text, count in counts.items())
+                    lines.append(f"- {where}, {title}: {reasons}")
     return lines or ["None."]
 
 

@@ -50,7 +50,7 @@ def capture_scenes(
 
     settings: first_seed, scenes, n_objects, sensor, resolution, and objects, arguments of `open_objects`. One shard a
     scene; every scene is looked at from all of the policy's postures. What the image cuts off is left out, as the
-    policy does not choose it, and so is what has fewer than 64 points. progress(done, total) is told of scenes.
+    policy does not choose it, and so is what has fewer than 64 points. progress(done, total) counts scenes.
     Raises DatasetError where `directory` holds another set.
     """
     directory = Path(directory)
@@ -106,13 +106,13 @@ def _scene(
         q[0, :6] = torch.as_tensor(posture)
         task.agent.robot.set_qpos(q)
         observation = task.get_obs()
-        percept = read_observation(observation)
+        seen = read_observation(observation)
         pictured = observation["sensor_data"]["wrist_camera"]["segmentation"][0, ..., 0].cpu().numpy()
         slot_of_pixel = np.full(pictured.shape, -1)
         for number, slot in owners.items():
             slot_of_pixel[pictured == number] = slot
-        scene = segment_frame(percept, segmenter)
-        T_camera_base = np.linalg.inv(percept.T_base_camera)
+        scene = segment_frame(seen, segmenter)
+        T_camera_base = np.linalg.inv(seen.T_base_camera)
         for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
             slots = slot_of_pixel.reshape(-1)[indices]
             counts = np.bincount(slots[slots >= 0], minlength=len(owners))

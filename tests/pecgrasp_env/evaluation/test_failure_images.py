@@ -16,18 +16,18 @@ from pecgrasp_env.sensor import CameraIntrinsics
 
 def test_the_planned_grasp_is_drawn_where_the_camera_sees_it():
     picture = DepthFrame(np.full((240, 424), 0.6, np.float32), CameraIntrinsics(424, 240, 306.0, 306.0, 212.0, 120.0))
-    percept = RobotObservation(np.array(HOME), 0.14, lambda: picture)
-    T = percept.T_base_camera
+    observation = RobotObservation(np.array(HOME), 0.14, lambda: picture)
+    T = observation.T_base_camera
     ahead = T[:3, :3] @ np.array([0.05, 0.0, 0.55]) + T[:3, 3]
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = T[:3, :3], ahead  # closes along the picture's rows, comes in along the optical axis
     grasp = Grasp(pose, 0.06, 1.0, "region")
-    bare = observed_image(Sight(percept, [SeenObject(ahead[None], False)]))
+    bare = observed_image(Sight(observation, [SeenObject(ahead[None], False)]))
     assert not (bare == (255, 70, 60)).all(axis=2).any()
-    drawn = observed_image(Sight(percept, [SeenObject(ahead[None], False)], 0, GraspPlan(grasp, [grasp], [], None)))
+    drawn = observed_image(Sight(observation, [SeenObject(ahead[None], False)], 0, GraspPlan(grasp, [grasp], [], None)))
     assert bare.shape == drawn.shape == (240, 424, 3)
     rows, columns = np.nonzero((drawn == (255, 70, 60)).all(axis=2))
-    told = observed_image(Sight(percept, [SeenObject(ahead[None], False, [{"mouse": 0.9, "can": 0.1}])]))
+    told = observed_image(Sight(observation, [SeenObject(ahead[None], False, [{"mouse": 0.9, "can": 0.1}])]))
     assert (told != bare).any()  # its class stands there
     # The picture is cut out about the point, twice as large; what is nearer, the hand, looks larger than the pads.
     assert rows.mean() == pytest.approx(120, abs=4)

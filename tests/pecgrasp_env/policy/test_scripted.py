@@ -130,9 +130,9 @@ def test_what_is_let_go_counts_as_dropped_and_can_be_picked_up_again(env, labels
 
 def test_the_camera_pose_from_the_joints_is_the_simulators(env):
     obs, _ = env.reset(seed=3)
-    percept = read_observation(obs)
+    observation = read_observation(obs)
     camera = np.asarray(obs["sensor_param"]["wrist_camera"]["cam2world_gl"][0], float) @ np.diag([1.0, -1.0, -1.0, 1.0])
-    assert percept.T_base_camera == pytest.approx(camera, abs=1e-4)
+    assert observation.T_base_camera == pytest.approx(camera, abs=1e-4)
 
 
 def test_it_sees_each_object_where_it_lies(env, labels):
