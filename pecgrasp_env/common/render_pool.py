@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Hashable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import closing
+from functools import cache
 from itertools import groupby
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -44,7 +45,7 @@ def run_jobs(
         same_process: neighbours for which it is equal go to one process, which may keep what they share, as long as
             the other processes have work.
 
-    Raises what a job raises; BrokenProcessPool where a process was killed.
+    Raises what a job or `make_worker` raises; BrokenProcessPool where a process was killed.
     """
     workers = min(workers, len(jobs))
     if workers == 0:
@@ -109,20 +110,26 @@ class _Queue(Generic[Job]):
         return self._of_process[process].popleft()
 
 
-_worker: Worker[Any, Any]
+_make_worker: Callable[[], Worker[Any, Any]]
 """Of a process of the pool."""
 
 
 def _start_process(make_worker: Callable[[], Worker[Any, Any]]) -> None:
-    global _worker
+    global _make_worker
     signal.signal(signal.SIGINT, lambda *_: sys.exit(1))  # Ctrl-C reaches all: a job cleans up, nothing is printed
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _worker = make_worker()
+    _make_worker = make_worker
+
+
+@cache
+def _worker() -> Worker[Any, Any]:
+    """Made by the first job and not before, so that what it fails of is that job's error."""
+    return _make_worker()
 
 
 def _run_in_process(job: Any) -> Any:
     try:
-        return _worker.run(job)
+        return _worker().run(job)
     except SystemExit:  # of Ctrl-C
         os._exit(1)  # else the process would begin the job that waits for it
 

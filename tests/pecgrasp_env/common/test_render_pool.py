@@ -80,8 +80,14 @@ def test_a_group_stays_in_one_process_until_the_other_is_out_of_work(tmp_path):
 
 def test_what_a_job_raises_comes_out_and_cancels_the_rest(tmp_path):
     with pytest.raises(ValueError, match="job -1"):
-        list(run_jobs(partial(Recorder, tmp_path), [-1, *range(40)], 2))
+        list(run_jobs(partial(Recorder, tmp_path, 0.2), [-1, *range(40)], 2))
     assert count(tmp_path, "begun.*") < 41
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_worker_that_cannot_be_made_says_why(tmp_path, workers):
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        list(run_jobs(partial(Recorder, tmp_path / "nowhere"), range(4), workers))
 
 
 def test_closing_cancels_what_has_not_begun(tmp_path):
