@@ -89,7 +89,7 @@ def test_the_wheel_of_the_sdist_plans_and_passes_the_planners_tests_outside_of_t
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=tmp_path).strip())
     (site / "others.pth").write_text("\n".join({sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}))
     work = tmp_path / "work"
-    for name in ("tests", "conf"):
+    for name in ("tests", "conf", "docs", "examples"):
         shutil.copytree(sdist / name, work / name)
     for name in ("README.md", "pyproject.toml"):
         shutil.copy(sdist / name, work)

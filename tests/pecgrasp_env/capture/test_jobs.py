@@ -154,7 +154,7 @@ def test_a_launcher_shares_the_work_and_the_plain_command_merges(tmp_path, launc
     pytest.importorskip(f"hydra_plugins.{plugin}")
     parts = ",".join(f"{i}/{jobs}" for i in range(jobs))
     settings = ["objects.classes=[can,plug_adapter]", "samples_per_instance=6", "shard_size=3"]
-    settings += ["workers=1", "progress=false", "sensor.resolution=424x240"]
+    settings += ["instances_per_class=2", "workers=1", "progress=false", "sensor.resolution=424x240"]
 
     def run(out: Path, *more: str) -> Path:
         script = [sys.executable, str(ROOT / "scripts/generate_dataset.py"), *more, f"out={out}", *settings]
