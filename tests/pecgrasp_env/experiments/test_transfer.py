@@ -95,7 +95,7 @@ def test_the_configuration_names_every_recipe():
 
 @pytest.mark.slow
 def test_the_table_goes_on_where_it_was_stopped(tmp_path):
-    small = [f"out={tmp_path}", "scenes.scenes=2", "generation.instances_per_class=2", "workers=1", "seeds=[0]"]
+    small = [f"out={tmp_path}", "scenes.scenes=8", "generation.instances_per_class=2", "workers=1", "seeds=[0]"]
     small += ["generation.samples_per_instance=12", "training.protocol.epochs=1", "training.progress=false"]
     small += ["~models.pec2", "sensors=[d435]", "~augments.none"]
     results = run_transfer(configured(*small), lambda line: None)
