@@ -42,7 +42,7 @@ def exp(values: FloatArray) -> FloatArray:
 
 def total(values: FloatArray) -> float:
     """Sum of (N,) numbers, one after the other; 0 where there are none."""
-    return float(np.add.accumulate(values)[-1]) if len(values) else 0.0
+    return 0.0 + float(np.add.accumulate(values)[-1]) if len(values) else 0.0  # of negative zeros, too, it is 0
 
 
 def project(cloud: FloatArray, axis: FloatArray) -> FloatArray:

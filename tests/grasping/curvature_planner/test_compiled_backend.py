@@ -120,6 +120,15 @@ def test_any_numbers_end_alike(cloud: np.ndarray, scene: dict[str, Any]) -> None
 
 
 @needs_kernels
+@pytest.mark.parametrize("scene", SCENES, ids=["table", "up", "nothing known", "neighbours", "roof"])
+def test_the_sign_of_zero_makes_no_difference(scene: dict[str, Any]) -> None:
+    """A sum of negative zeros is 0 where it begins with 0, and −0 where it begins with the first of them."""
+    cloud = np.full((10, 3), -0.0)
+    cloud[0, 0] = 0.01
+    assert_agreement(cloud, scene)
+
+
+@needs_kernels
 def test_threads_do_not_disturb_each_other() -> None:
     planner = CurvaturePlanner(compiled=True)
     clouds = [SHAPES[name] for name in ("box", "can", "pliers", "cylinder")] * 4
