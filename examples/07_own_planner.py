@@ -6,8 +6,10 @@ evaluates it on three scenes. On as many as you like, and beside another planner
 
     export PYTHONPATH=examples            # the folder of your file
     pecgrasp evaluate planner._target_=07_own_planner.TopPlanner planner_name=top checkpoint=null \
-        env.n_objects=1 env.classes=[can] episodes=20
-    pecgrasp evaluate checkpoint=null env.n_objects=1 env.classes=[can] episodes=20
+        env.n_objects=1 'env.classes=[can]' episodes=20
+    pecgrasp evaluate checkpoint=null env.n_objects=1 'env.classes=[can]' episodes=20
+
+Finished episodes are kept, even where this file has changed: after an edit give a new folder=, or delete the old one.
 """
 
 import tempfile

@@ -5,8 +5,10 @@
 makes a small data set of it. The same by the command, for which a class goes by its dotted name:
 
     export PYTHONPATH=examples            # the folder of your file
-    pecgrasp generate objects.classes=[08_own_object_class.dumbbell,stapler,mug] out=clouds
-    pecgrasp contact-sheet objects.classes=[08_own_object_class.dumbbell]
+    pecgrasp generate 'objects.classes=[08_own_object_class.dumbbell,stapler,mug]' out=clouds
+    pecgrasp contact-sheet 'objects.classes=[08_own_object_class.dumbbell]'
+
+Finished clouds are kept, even where this file has changed since: after an edit give a new out=, or delete the old one.
 """
 
 import tempfile

@@ -1,4 +1,4 @@
-"""Record the expert for others to learn from: `pecgrasp record-demos env.n_objects=1 env.classes=[mouse]`.
+"""Record the expert for others to learn from: `pecgrasp record-demos env.n_objects=1 'env.classes=[mouse]'`.
 
 Leaves ManiSkill trajectories. The same command goes on where it was interrupted. Settings: conf/record_demos.yaml.
 """
