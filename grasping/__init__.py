@@ -1,4 +1,4 @@
-"""Grasp planning on point clouds for two-finger grippers, on NumPy and SciPy; pages need Jinja2.
+"""Grasp planning on point clouds for two-finger grippers, on NumPy and SciPy; pages need Jinja2, commands Hydra.
 
 plan = CurvaturePlanner(ROBOTIQ_2F_140).plan(points, up=(0, 0, 1))
 plan.best.pose, plan.best.width
