@@ -188,6 +188,7 @@ def test_the_demo_leaves_its_report_and_names_the_command(tmp_path):
     assert "pecgrasp demo generation.instances_per_class=1" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_doctor_reports_the_packages_and_ends_by_whether_it_draws(capsys):
     with pytest.raises(SystemExit) as ended:
         run("doctor")

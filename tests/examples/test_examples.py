@@ -21,7 +21,13 @@ SAYS = {
     "08_own_object_class": r"dumbbell: 2 instances, 20 clouds",
 }
 
-SLOW = {"04_own_meshes", "06_expert", "07_own_planner", "08_own_object_class"}  # data sets and episodes
+SLOW = {
+    "04_own_meshes",
+    "05_environment",
+    "06_expert",
+    "07_own_planner",
+    "08_own_object_class",
+}  # data sets and episodes
 
 
 def run(name: str, *arguments: str) -> str:

@@ -16,6 +16,7 @@ def test_it_reports_what_the_environment_stands_on_and_that_it_renders(capsys):
     assert {line.split()[0] for line in report.splitlines()} >= {"Python", "Packages", "Planner", "Drivers", "GPU"}
 
 
+@pytest.mark.slow
 def test_quiet_prints_nothing(capsys):
     assert main(["--quiet"]) == 0
     assert capsys.readouterr().out == ""

@@ -7,6 +7,7 @@ from pecgrasp_env.benchmark.generation import memory_growth
 from pecgrasp_env.benchmark.run import run_benchmark
 
 
+@pytest.mark.slow
 def test_generation_is_timed_beside_the_stepped_environment_and_its_floor():
     settings = {
         "parts": ["generation"],

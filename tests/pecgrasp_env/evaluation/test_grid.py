@@ -62,6 +62,7 @@ def test_a_configuration_says_what_a_cell_is(overrides, scene, n_objects):
     assert hydra["hydra"]["mode"] == (RunMode.MULTIRUN if is_grid else None)
 
 
+@pytest.mark.slow
 def test_the_hardest_cell_makes_an_environment():
     settings = resolved("experiment=selective", "checkpoint=x", "env.n_objects=8", "env.clutter=close")[1]
     protocol = Protocol(settings["env"], None, settings["planner"], {})

@@ -40,6 +40,7 @@ def checkpoint(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
     return folder / "run/best"
 
 
+@pytest.mark.slow
 def test_a_trained_classifier_drives_the_policy_to_the_asked_for_object(checkpoint: Path, tmp_path: Path) -> None:
     """Three objects that training has not seen; whoever lifts one at random is right in a third of the episodes."""
     env = {"n_objects": 3, "classes": list(CLASSES), "objects": {"seed": 1000}}

@@ -84,13 +84,14 @@ def test_a_1_kg_block_of_friction_06_is_held_while_the_wrist_is_shaken_at_half_g
     assert max(slip) < 2e-3
 
 
-def test_1000_random_openings_closings_and_collisions_leave_it_in_one_piece(bench):
+@pytest.mark.parametrize("count", [100, pytest.param(1000, marks=pytest.mark.slow)])
+def test_random_openings_closings_and_collisions_leave_it_in_one_piece(bench, count):
     b = bench(blocks=[{"size": (0.06, 0.05, 0.2), "pose": sapien.Pose([0.5, 0, 0.15])}])
     rng = np.random.default_rng(0)
     home = q = b.agent.keyframes["home"].qpos[:6]
     b.place(q, linkage.STROKE)
     worst, touched = [], 0
-    while len(worst) < 1000:
+    while len(worst) < count:
         # Somewhere about the block's upper end, turned and tilted: beside it, round it, or into it.
         T = b.DOWN.copy()
         turn = rng.uniform([-np.pi / 2, -0.4, -0.4], [np.pi / 2, 0.4, 0.4])
@@ -108,7 +109,7 @@ def test_1000_random_openings_closings_and_collisions_leave_it_in_one_piece(benc
         worst.append(b.separation(snapshots).max())
         touched += b.any_contact(b.blocks[0])
         assert b.joint_gap() < 2e-3
-    assert touched > 200  # a test of collisions
+    assert touched > count / 5  # a test of collisions
     assert max(worst) < 2e-3
     b.place(b.grasp_posture(b.DOWN, 0.06), 0.06)
     errors, _ = opening_errors(b, b.q[:6], [0.03, 0.12])
