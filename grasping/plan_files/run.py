@@ -57,12 +57,13 @@ def plan_files(
             say(line)
     output.mkdir(parents=True, exist_ok=True)
     results = as_results(files, task)
-    _write(output / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
-    _write(output / "plan.html", plan_page(files, task.gripper, type(task.planner).__name__, task.up, command))
+    write_whole(output / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
+    write_whole(output / "plan.html", plan_page(files, task.gripper, type(task.planner).__name__, task.up, command))
     return results
 
 
-def _write(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str) -> None:
+    """Put the text in place of what the file held, whole or not at all."""
     # As pec.common.atomic_files does it, which this package must not import.
     temporary = path.with_name(path.name + ".tmp")
     temporary.write_text(text, encoding="utf-8")

@@ -1,6 +1,5 @@
 """Measure the speed of each part: `pecgrasp benchmark`; settings in conf/benchmark.yaml."""
 
-import json
 import os
 from pathlib import Path
 
@@ -15,9 +14,10 @@ def main(cfg: DictConfig) -> None:
     # Libraries read these when they are loaded. The renderer's threads are left as a user has them.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    from pec.common.atomic_files import write_json
     from pecgrasp_env.benchmark.run import run_benchmark
 
     results = run_benchmark(plain(cfg))
     path = Path(cfg.output) / "results.json"
-    path.write_text(json.dumps(results, indent=1) + "\n")
+    write_json(path, results)
     print(f"\nresults: {path}")

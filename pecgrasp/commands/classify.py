@@ -1,6 +1,5 @@
 """Classify one cloud: `pecgrasp classify FILE checkpoint=DIR`."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from omegaconf import DictConfig
 from grasping.cloud_files import read_cloud, valid_points
 from grasping.errors import CloudError as FileError
 from pec.classifier import Classifier
+from pec.common.atomic_files import write_json
 from pec.errors import CheckpointError, CloudError
 from pecgrasp.settings import CONF, file_as_override
 
@@ -28,9 +28,7 @@ def classify(cfg: DictConfig) -> None:
         "confidence": prediction.confidence,
         "probabilities": prediction.probabilities,
     }
-    output = Path(cfg.output)
-    output.mkdir(parents=True, exist_ok=True)
-    (output / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+    write_json(Path(cfg.output) / "results.json", results)
 
 
 def main() -> None:

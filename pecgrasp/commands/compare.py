@@ -1,12 +1,12 @@
 """Trained classifiers on the same test clouds: `pecgrasp compare runs=[DIR,DIR]`."""
 
-import json
 import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig
 
+from pec.common.atomic_files import write_json, write_whole
 from pec.errors import CheckpointError, ConfigError, DatasetError
 from pec.experiments.comparison import compare_classifiers, comparison_table
 from pecgrasp.settings import CONF
@@ -22,5 +22,5 @@ def main(cfg: DictConfig) -> None:
     table = comparison_table(comparison)
     print(table)
     output = Path(cfg.output)
-    (output / "table.md").write_text(table)
-    (output / "results.json").write_text(json.dumps(comparison, indent=1) + "\n")
+    write_whole(output / "table.md", table)
+    write_json(output / "results.json", comparison)

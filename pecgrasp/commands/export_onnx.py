@@ -1,6 +1,5 @@
 """Write a checkpoint's network as ONNX: `pecgrasp export-onnx checkpoint=DIR`; the file says how to use it."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import hydra
 from omegaconf import DictConfig
 
 from pec.checkpoint import read_checkpoint
+from pec.common.atomic_files import write_json
 from pec.errors import CheckpointError, ConfigError
 from pec.onnx_export import export_onnx
 from pecgrasp.settings import CONF
@@ -20,7 +20,5 @@ def main(cfg: DictConfig) -> None:
         path = export_onnx(read_checkpoint(cfg.checkpoint), output / "model.onnx")
     except (CheckpointError, ConfigError) as error:
         sys.exit(f"pecgrasp export-onnx: {error}")
-    (output / "results.json").write_text(
-        json.dumps({"model": str(path), "bytes": path.stat().st_size}, indent=1) + "\n"
-    )
+    write_json(output / "results.json", {"model": str(path), "bytes": path.stat().st_size})
     print(path)

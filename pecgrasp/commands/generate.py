@@ -1,16 +1,16 @@
 """Generate labelled clouds: `pecgrasp generate out=DIR`; settings in conf/generate.yaml."""
 
-import json
 import sys
 
 import hydra
 from omegaconf import DictConfig
 
+from pec.common.atomic_files import write_json
 from pec.errors import DatasetError
 from pecgrasp.progress import progress_bar
 from pecgrasp.settings import CONF, plain
 from pecgrasp_env.capture import CaptureConfig, CaptureError, generate, summarise, write_card
-from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.common.job_share import JobShare, JobShareError
 from pecgrasp_env.objects import ObjectError
 from pecgrasp_env.sensor import SensorError
 
@@ -31,13 +31,12 @@ def main(cfg: DictConfig) -> None:
                 progress=progress,
             )
         summary = summarise(generation)
-    except (CaptureError, DatasetError, ObjectError, SensorError) as error:
+    except (CaptureError, DatasetError, JobShareError, ObjectError, SensorError) as error:
         sys.exit(f"pecgrasp generate: {error}")
     except KeyboardInterrupt:
         print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
         sys.exit(130)
-    name = "results.json" if share is None else f"results.{share.index}of{share.count}.json"
-    (generation.directory / name).write_text(json.dumps(summary, indent=1) + "\n")
+    write_json(generation.directory / f"results{'' if share is None else share.suffix}.json", summary)
     print(
         f"{'class':18}{'instances':>10}{'clouds':>8}{'points: 5 %':>13}{'median':>8}{'95 %':>7}{'median depth m':>16}"
     )

@@ -1,12 +1,12 @@
 """Classify corrupted test clouds with trained classifiers: `pecgrasp robustness runs=[DIR,DIR]`."""
 
-import json
 import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig
 
+from pec.common.atomic_files import write_json, write_whole
 from pec.errors import CheckpointError, ConfigError, DatasetError
 from pec.experiments.robustness import measure_robustness, robustness_table
 from pecgrasp.settings import CONF
@@ -22,5 +22,5 @@ def main(cfg: DictConfig) -> None:
     table = robustness_table(rows)
     print(table)
     output = Path(cfg.output)
-    (output / "table.md").write_text(table)
-    (output / "results.json").write_text(json.dumps({"rows": rows}, indent=1) + "\n")
+    write_whole(output / "table.md", table)
+    write_json(output / "results.json", {"rows": rows})

@@ -13,6 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from grasping import CloudError, ConfigError
 from grasping.cloud_files import read_cloud
+from grasping.plan_files.run import write_whole
 from pecgrasp.from_settings import made, up_of
 from pecgrasp.settings import CONF, file_as_override
 
@@ -57,7 +58,7 @@ def segment(cfg: DictConfig) -> None:
         "objects": rows,
         "rejected": [asdict(each) for each in scene.rejected],
     }
-    (output / "results.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n")
+    write_whole(output / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
     print(f"{len(rows)} objects{'' if scene.plane is not None else ', no table'}, {milliseconds:.1f} ms; in {output}")
 
 

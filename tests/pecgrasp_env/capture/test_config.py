@@ -82,14 +82,17 @@ def test_objects_that_make_no_sense_are_named(change, message):
         ObjectsConfig(**change)
 
 
-def test_the_script_names_the_class_that_does_not_exist(tmp_path):
+@pytest.mark.parametrize(
+    ("override", "message"), [("objects.classes=[teapot]", "teapot"), ("shard=9/8", "shard='9/8': must be i/n")]
+)
+def test_the_script_names_what_makes_no_sense(tmp_path, override, message):
     done = subprocess.run(
-        [sys.executable, "scripts/generate_dataset.py", "objects.classes=[teapot]", f"out={tmp_path / 'data'}"],
+        [sys.executable, "scripts/generate_dataset.py", override, f"out={tmp_path / 'data'}"],
         cwd=ROOT,
         capture_output=True,
         text=True,
         env={**os.environ, "HYDRA_FULL_ERROR": "0"},
     )
     assert done.returncode == 1
-    assert "teapot" in done.stderr
+    assert message in done.stderr
     assert "Traceback" not in done.stderr
