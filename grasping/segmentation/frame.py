@@ -9,24 +9,28 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from grasping.errors import CloudError
+from grasping.segmentation.lines_of_sight import LinesOfSight
 from grasping.segmentation.scene import Rejected, Scene
+from grasping.validation import as_cloud
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SAME_SURFACE = 0.02  # m: within this a neighbouring pixel sees the same surface
 GRIPPER_CONTACT = 0.01  # m
+LOWEST_CAMERA = 0.05  # m above the table
 
 
 class Frame:
     """The input cloud, and which of its points are valid and within the range of depth.
 
     points: (N, 3) in the input's type. shape: (H, W) where it was organised. valid: (N,). Everywhere else points are
-    named by their index in this cloud.
+    named by their index in this cloud. viewpoint: (3,) where the camera stood, None: in the cloud's origin.
     """
 
-    def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float]) -> None:
+    def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float], viewpoint: ArrayLike | None = None) -> None:
         self.points, self.shape = _flattened(cloud)
+        self._viewpoint = None if viewpoint is None else as_cloud([viewpoint], name="viewpoint")[0]
         near, far = max(depth_range[0], 1e-6), depth_range[1]
         where = f"{depth_range[0]:g} to {far:g} m away"
         # NaN compares as false; infinity and values whose square overflows are beyond the range.
@@ -40,9 +44,10 @@ class Frame:
             nearest = f"; the nearest is {math.sqrt(beyond.min()):.4g} m away" if len(beyond) else ""
             raise CloudError(f"cloud: none of {len(self.points)} points is valid and {where} from its origin{nearest}")
         self.rejected: list[Rejected] = []
-        measured = int(np.count_nonzero(squared > 0))  # neither NaN nor the zero that stands for nothing measured
-        self.reject("points", "no depth", len(self.points) - measured)
-        self.reject("points", f"not {where}", measured - self.count)
+        self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
+        holes = int(np.count_nonzero(self._holes))
+        self.reject("points", "no depth", holes)
+        self.reject("points", f"not {where}", len(self.points) - holes - self.count)
 
     def reject(self, what: str, why: str, n_points: int) -> None:
         """Note what is left out, where there is any of it."""
@@ -83,6 +88,7 @@ class Frame:
     ) -> Scene:
         edge = None if self.shape is None else edge_of_view(self.valid.reshape(self.shape))
         clouds = [self.points.take(index, axis=0) for index in kept]
+        viewpoint, unseen = self._seen_from(plane, kept, clouds)
         return Scene(
             objects=clouds,
             indices=kept,
@@ -92,7 +98,26 @@ class Frame:
             rejected=self.rejected,
             obstacles=[self.points.take(index, axis=0) for index in obstacles],
             n_table=n_table,
+            viewpoint=viewpoint,
+            unseen=unseen,
         )
+
+    def _seen_from(
+        self, plane: FloatArray | None, kept: list[IntArray], clouds: list[NDArray]
+    ) -> tuple[FloatArray | None, list[FloatArray]]:
+        """Where the camera stood, if that is known, and for each object the far ends of the lines that met nothing."""
+        nothing = [np.empty((0, 3)) for _ in kept]
+        origin = np.zeros(3) if self._viewpoint is None else self._viewpoint
+        if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
+            return None, nothing  # a frame of the world: no camera looks from under the table
+        if self.shape is None:
+            return origin, nothing
+        lines = LinesOfSight(self.points, self.valid, self.shape, origin)
+        if not lines.fits:
+            return self._viewpoint, nothing
+        return origin, [
+            lines.unseen(self._holes, index, points, plane) for index, points in zip(kept, clouds, strict=True)
+        ]
 
 
 def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
@@ -107,7 +132,8 @@ def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
         raise CloudError(f"cloud: not an array of numbers ({error})") from error
     if points.ndim not in (2, 3) or points.shape[-1] != 3:
         raise CloudError(f"cloud: shape {points.shape}, expected (N, 3) or (H, W, 3)")
-    shape = (points.shape[0], points.shape[1]) if points.ndim == 3 else None
+    # One row or one column is a list of points and no image.
+    shape = (points.shape[0], points.shape[1]) if points.ndim == 3 and min(points.shape[:2]) > 1 else None
     return points.reshape(-1, 3), shape
 
 

@@ -48,9 +48,16 @@ class PublishedSegmenter:
         self.depth_range = depth_range
         self.seed = seed
 
-    def segment(self, cloud: ArrayLike, *, up: ArrayLike | None = None, gripper: ArrayLike | None = None) -> Scene:
+    def segment(
+        self,
+        cloud: ArrayLike,
+        *,
+        up: ArrayLike | None = None,
+        gripper: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+    ) -> Scene:
         """As `Segmenter.segment`."""
-        frame = Frame(cloud, self.depth_range)
+        frame = Frame(cloud, self.depth_range, viewpoint)
         up_vector = None if up is None else unit_vector(up, name="up")
         hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)

@@ -28,7 +28,9 @@ class Scene:
     plane: (4,), n·p + d = 0 with n up, or None; n_table: its points. touches_border: cut off by the image (never so for
     a loose cloud). touches_gripper: within 1 cm of it. rejected: what was left out and why. obstacles: clouds of those
     of it that a gripper could hit. Every point of the input is in an object, in the table, or counted in `rejected` as
-    "points" or "cluster".
+    "points" or "cluster". viewpoint: (3,) where the camera stood, in the frame of the input, or None where that is not
+    known. unseen: for each object (K, 3), the far ends, on the table where there is one, of the lines of sight on which
+    the sensor measured nothing in the object or beside it; (0, 3) for a loose cloud.
     """
 
     objects: list[FloatArray]
@@ -39,6 +41,8 @@ class Scene:
     rejected: list[Rejected] = field(default_factory=list)
     obstacles: list[FloatArray] = field(default_factory=list)
     n_table: int = 0
+    viewpoint: FloatArray | None = None
+    unseen: list[FloatArray] = field(default_factory=list)
 
     def summary(self) -> str:
         """What was rejected, in a sentence."""

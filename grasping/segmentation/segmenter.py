@@ -79,13 +79,22 @@ class Segmenter:
         """The dissertation's: plane within 0.02 m, outliers by 50 neighbours and 1.0 σ, clusters by 0.05 m."""
         return PublishedSegmenter()
 
-    def segment(self, cloud: ArrayLike, *, up: ArrayLike | None = None, gripper: ArrayLike | None = None) -> Scene:
+    def segment(
+        self,
+        cloud: ArrayLike,
+        *,
+        up: ArrayLike | None = None,
+        gripper: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+    ) -> Scene:
         """Find the objects in a cloud (N, 3) or an organised frame (H, W, 3), m; NaN and (0, 0, 0) are invalid.
 
         up: (3,) away from the table, in the cloud's frame; without it see `find_table`. gripper: (K, 3) points of one's
-        own hand, for `touches_gripper`. Raises CloudError for input that is no cloud or has no valid point in range.
+        own hand, for `touches_gripper`. viewpoint: (3,) where the camera stood, in the cloud's frame; without it the
+        cloud's origin, unless that cannot be. Raises CloudError for input that is no cloud or has no valid point in
+        range.
         """
-        frame = Frame(cloud, self.depth_range)
+        frame = Frame(cloud, self.depth_range, viewpoint)
         up_vector = None if up is None else unit_vector(up, name="up")
         hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)

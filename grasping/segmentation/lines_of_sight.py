@@ -1,0 +1,111 @@
+"""Along which line each pixel of an organised frame looks, and what of an object's surroundings it did not measure.
+
+A pixel without depth has no point, yet its line of sight is known: the other pixels say how the camera is made.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SAMPLED = 400  # pixels that suffice to measure eight numbers
+FEWEST = 20  # pixels with depth, below which the camera is not measured
+MOST_ERROR = 0.003  # rad; nine of ten pixels look along their line to within this, else the viewpoint is another
+BESIDE = 0.015  # m around an object's outline within which a hole that begins at it belongs to it
+
+
+class LinesOfSight:
+    """The pinhole camera of an organised frame (H, W), measured on its points.
+
+    `fits` says whether the points lie along straight lines from the viewpoint, in the order of their pixels.
+    """
+
+    def __init__(
+        self, points: NDArray, valid: NDArray[np.bool_], shape: tuple[int, int], viewpoint: FloatArray
+    ) -> None:
+        self.shape, self.viewpoint, self.fits = shape, viewpoint, False
+        self._scale = 2.0 / max(shape)
+        index = np.flatnonzero(valid)
+        if len(index) < FEWEST:
+            return
+        index = index[np.linspace(0, len(index) - 1, min(SAMPLED, len(index))).astype(np.int64)]
+        seen = points.take(index, axis=0).astype(np.float64) - viewpoint
+        length = np.linalg.norm(seen, axis=1)
+        index, seen = index[length > 1e-6], seen[length > 1e-6] / length[length > 1e-6, None]
+        if len(index) < FEWEST:
+            return
+        # A pixel (column, row, 1) looks along A · pixel: their cross product is zero, linear in A's nine numbers.
+        pixels = self._pixels(index)
+        x, y, z = seen.T[:, :, None]
+        none = np.zeros_like(pixels)
+        rows = np.vstack(
+            [
+                np.hstack([none, -z * pixels, y * pixels]),
+                np.hstack([z * pixels, none, -x * pixels]),
+                np.hstack([-y * pixels, x * pixels, none]),
+            ]
+        )
+        self._A = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
+        along = (self.directions(index) * seen).sum(axis=1)
+        if np.median(along) < 0:
+            self._A, along = -self._A, -along
+        self.fits = bool(np.quantile(along, 0.1) > np.cos(MOST_ERROR))
+
+    def directions(self, index: IntArray) -> FloatArray:
+        """(M, 3) of length one: along these pixels' lines, away from the viewpoint."""
+        lines = self._pixels(index) @ self._A.T
+        return np.asarray(lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), 1e-12))
+
+    def _pixels(self, index: IntArray) -> FloatArray:
+        row, column = np.divmod(index, self.shape[1])
+        middle = (self.shape[0] - 1) / 2, (self.shape[1] - 1) / 2
+        return np.stack(
+            [(column - middle[1]) * self._scale, (row - middle[0]) * self._scale, np.ones(len(index))], axis=1
+        )
+
+    def unseen(
+        self, holes: NDArray[np.bool_], index: IntArray, points: NDArray, plane: FloatArray | None
+    ) -> FloatArray:
+        """(K, 3) the far ends of the lines on which nothing was measured in an object and beside it.
+
+        holes (H · W,): pixels without depth. index, points (M, 3): the object's pixels and where they are. plane: the
+        lines end on this table, and without one as far away as the object's farthest point.
+        """
+        distance = np.linalg.norm(points.astype(np.float64) - self.viewpoint, axis=1)
+        middle = int(index[len(index) // 2])
+        beside = middle + (1 if middle % self.shape[1] == 0 else -1)
+        one, other = self.directions(np.array([middle, beside]))
+        angle = float(np.linalg.norm(one - other))
+        reach = int(np.clip(np.ceil(BESIDE / max(float(np.median(distance)) * angle, 1e-6)), 1, max(self.shape)))
+        at = holes_at(holes.reshape(self.shape), index, reach)
+        if not len(at):
+            return np.empty((0, 3))
+        along = self.directions(at)
+        far = np.full(len(at), float(distance.max()))
+        if plane is not None:
+            sinking = -(along @ plane[:3])
+            height = float(self.viewpoint @ plane[:3] + plane[3])
+            meets = (sinking > 1e-6) & (height > 0)
+            far[meets] = height / sinking[meets]
+        return np.asarray(self.viewpoint + far[:, None] * along)
+
+
+def holes_at(holes: NDArray[np.bool_], index: IntArray, reach: int) -> IntArray:
+    """Pixels (K,) without depth in an object (M,) or within `reach` pixels of it, that hang together with it."""
+    row, column = np.divmod(index, holes.shape[1])
+    top, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
+    window = holes[top : int(row.max()) + reach + 1, left : int(column.max()) + reach + 1]
+    if not window.any():
+        return np.empty(0, dtype=np.int64)
+    own = np.zeros(window.shape, dtype=bool)
+    own[row - top, column - left] = True
+    near = ndimage.maximum_filter(own, 2 * reach + 1) | ndimage.binary_fill_holes(own)
+    together, count = ndimage.label(own | (near & window), structure=np.ones((3, 3)))
+    belongs = np.zeros(count + 1, dtype=bool)
+    belongs[together[own]] = True
+    rows, columns = np.nonzero(belongs[together] & window & ~own)
+    return np.asarray((rows + top) * holes.shape[1] + columns + left, dtype=np.int64)
