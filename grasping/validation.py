@@ -57,6 +57,17 @@ def unit_vector(vector: ArrayLike, *, name: str) -> NDArray[np.float64]:
     return value / length
 
 
+def position(point: ArrayLike, *, name: str) -> NDArray[np.float64]:
+    """Return a place (3,), m. Raises ConfigError where it is none."""
+    try:
+        value = np.asarray(point, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{name} = {point!r} is not a position of three numbers") from error
+    if value.shape != (3,) or not np.abs(value).max() <= FARTHEST:
+        raise ConfigError(f"{name} = {point!r} is not a position (3,) in metres")
+    return value
+
+
 def plane_equation(plane: ArrayLike, *, name: str = "table") -> NDArray[np.float64]:
     """Return a plane (4,), n·p + d = 0, with n of length one. Raises ConfigError where it is none."""
     try:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from grasping.errors import CloudError
 from grasping.segmentation.lines_of_sight import LinesOfSight
 from grasping.segmentation.scene import Rejected, Scene
-from grasping.validation import as_cloud
+from grasping.validation import position
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -30,7 +30,7 @@ class Frame:
 
     def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float], viewpoint: ArrayLike | None = None) -> None:
         self.points, self.shape = _flattened(cloud)
-        self._viewpoint = None if viewpoint is None else as_cloud([viewpoint], name="viewpoint")[0]
+        self._viewpoint = None if viewpoint is None else position(viewpoint, name="viewpoint")
         near, far = max(depth_range[0], 1e-6), depth_range[1]
         where = f"{depth_range[0]:g} to {far:g} m away"
         # NaN compares as false; infinity and values whose square overflows are beyond the range.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rendered_scenes import BOXES, FOCAL, HEIGHT, WIDTH, look_down, render, up_in
 
-from grasping import CloudError, Segmenter
+from grasping import ConfigError, Segmenter
 
 
 def holed(tilt: float = 25.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -93,5 +93,5 @@ def test_a_loose_cloud_and_one_of_one_row_or_column_have_no_holes_and_no_edge() 
 
 @pytest.mark.parametrize("viewpoint", [(0, 0), "here", (np.nan, 0, 0)])
 def test_a_viewpoint_without_sense_is_refused_by_name(viewpoint: object) -> None:
-    with pytest.raises(CloudError, match="viewpoint"):
+    with pytest.raises(ConfigError, match="viewpoint"):
         Segmenter().segment(holed()[0], viewpoint=viewpoint)  # type: ignore[arg-type]
