@@ -25,7 +25,13 @@ print(f"left out: {scene.summary()}")
 planner = CurvaturePlanner(ROBOTIQ_2F_140)
 for i, target in enumerate(scene.objects):
     others = [cloud for j, cloud in enumerate(scene.objects) if j != i] + scene.obstacles
-    plan = planner.plan(target, table=scene.plane, obstacles=np.vstack([*others, np.empty((0, 3))]))
+    plan = planner.plan(
+        target,
+        table=scene.plane,
+        obstacles=np.vstack([*others, np.empty((0, 3))]),
+        viewpoint=scene.viewpoint,
+        unseen=scene.unseen[i],
+    )
     if plan.best is None:
         print(f"object {i}, {len(target)} points: no grasp, {plan.reason}")
     else:

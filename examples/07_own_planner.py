@@ -27,8 +27,9 @@ class TopPlanner:
         self.gripper = gripper
         self.depth = depth  # m, of the pads' centre below the top; a setting: +planner.depth=0.03
 
-    def plan(self, points, *, up=None, table=None, obstacles=None) -> GraspPlan:
-        """points (N, 3), m; up (3,) away from the table; table (4,), n·p + d = 0; obstacles (K, 3): of other things."""
+    def plan(self, points, *, up=None, table=None, obstacles=None, viewpoint=None, unseen=None) -> GraspPlan:
+        """points (N, 3), m; up (3,) away from the table; table (4,), n·p + d = 0; obstacles (K, 3): of other things;
+        viewpoint (3,): where the camera stood; unseen (U, 3): far ends of lines of sight without a measurement."""
         low, high = points.min(axis=0), points.max(axis=0)
         width = float(high[1] - low[1])
         if width > self.gripper.stroke:

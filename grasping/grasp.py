@@ -72,11 +72,15 @@ class GraspPlanner(Protocol):
         up: ArrayLike | None = None,
         table: ArrayLike | None = None,
         obstacles: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
     ) -> GraspPlan:
         """Plan on the cloud (N, 3) of one object, m, in any frame.
 
         up: (3,) away from the table. table: plane (4,), n·p + d = 0. obstacles: (K, 3) points of other things.
-        All in the cloud's frame.
+        viewpoint: (3,) where the camera stood, or (V, 3) the cameras of a merged cloud; None: the cloud's origin, where
+        that can be a camera's place. unseen: (U, 3) far ends of lines of sight from the viewpoint, of several the last,
+        on which nothing was measured. All in the cloud's frame. A planner may ignore what it has no use for.
         """
 
 

@@ -86,6 +86,8 @@ class SelectiveGrasper:
                 up=up,
                 table=scene.plane,
                 obstacles=np.vstack(others) if others else None,
+                viewpoint=scene.viewpoint,
+                unseen=scene.unseen[index],
             )
             if plan.best is not None:
                 return Selection(scene, labels, confidences, index, plan, None)

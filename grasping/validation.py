@@ -109,3 +109,21 @@ def workspace(
         raise ConfigError(f"up = {up!r} is more than 45° off the normal of table = {table!r}")
     plane = plane * math.copysign(1.0, cosine)
     return plane[:3], plane, neighbours
+
+
+def sight(
+    viewpoint: ArrayLike | None, unseen: ArrayLike | None
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64]]:
+    """Check what a planner is told of the cameras: (viewpoints (V, 3) | None, far ends of unmeasured lines (U, 3))."""
+    rays = np.empty((0, 3)) if unseen is None else as_cloud(unseen, name="unseen")
+    if viewpoint is None:
+        return None, rays
+    try:
+        places = np.asarray(viewpoint, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"viewpoint = {viewpoint!r} is not a place (3,) or places (V, 3)") from error
+    if places.ndim not in (1, 2) or places.shape[-1] != 3 or not places.size:
+        raise ConfigError(f"viewpoint = {viewpoint!r} is not a place (3,) or places (V, 3)")
+    if not np.abs(places).max() <= FARTHEST:
+        raise ConfigError(f"viewpoint = {viewpoint!r} is not finite, or beyond {FARTHEST:g} m")
+    return places.reshape(-1, 3), rays

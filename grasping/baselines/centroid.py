@@ -12,7 +12,7 @@ from grasping.errors import ConfigError
 from grasping.geometry.principal_axes import principal_axes
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.validation import object_cloud, workspace
+from grasping.validation import object_cloud, sight, workspace
 
 
 class CentroidPlanner:
@@ -46,13 +46,17 @@ class CentroidPlanner:
         up: ArrayLike | None = None,
         table: ArrayLike | None = None,
         obstacles: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
     ) -> GraspPlan:
-        """Plan on the cloud (N, 3) of one object, m. Needs `up` or `table`; obstacles are not avoided.
+        """Plan on the cloud (N, 3) of one object, m. Needs `up` or `table`; obstacles are not avoided, and what was not
+        seen (viewpoint, unseen) counts as free.
 
         Raises ConfigError without either, CloudError for a cloud that is none.
         """
         cloud = object_cloud(points)
         up_vector, plane, _ = workspace(up, table, obstacles)
+        sight(viewpoint, unseen)
         if up_vector is None:
             raise ConfigError("up = None: the centre grasp is perpendicular to the table, so it needs up or table")
         centroid = cloud.mean(axis=0)

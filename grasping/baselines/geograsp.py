@@ -17,7 +17,7 @@ from grasping.geometry.surface_variation import smallest_eigenvalue_share
 from grasping.geometry.voxel_grid import cube_means, cubes
 from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.validation import object_cloud, workspace
+from grasping.validation import object_cloud, sight, workspace
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -116,13 +116,17 @@ class GeoGraspPlanner:
         up: ArrayLike | None = None,
         table: ArrayLike | None = None,
         obstacles: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
     ) -> GraspPlan:
-        """Plan on the cloud (N, 3) of one object, m. Obstacles are checked for sense, but not avoided.
+        """Plan on the cloud (N, 3) of one object, m. Obstacles are checked for sense, but not avoided; what was
+        not seen (viewpoint, unseen) counts as free.
 
         Raises CloudError for a cloud, ConfigError for a scene that is none.
         """
         cloud = object_cloud(points)
         up_vector, plane, _ = workspace(up, table, obstacles)
+        sight(viewpoint, unseen)
         cloud = _without_outliers(thinned(cloud, self.n_points))
         grid = principal_axes(cloud)
         cut = _cut(cloud, _box_means(cloud, cloud, grid, 0.5 * self.tip), up_vector)

@@ -14,7 +14,7 @@ from grasping.geometry.sampling import thinned
 from grasping.geometry.surface_variation import surface_variation
 from grasping.grasp import Grasp, GraspPlan, Primitive, RegionReport, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.validation import object_cloud, workspace
+from grasping.validation import object_cloud, sight, workspace
 
 FloatArray = NDArray[np.float64]
 
@@ -83,13 +83,17 @@ class SinglePrimitivePlanner:
         up: ArrayLike | None = None,
         table: ArrayLike | None = None,
         obstacles: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
     ) -> GraspPlan:
-        """Plan on the cloud (N, 3) of one object, m. Obstacles are checked for sense, but not avoided.
+        """Plan on the cloud (N, 3) of one object, m. Obstacles are checked for sense, but not avoided; what was
+        not seen (viewpoint, unseen) counts as free.
 
         Raises CloudError for a cloud, ConfigError for a scene that is none.
         """
         cloud = object_cloud(points)
         up_vector, plane, _ = workspace(up, table, obstacles)
+        sight(viewpoint, unseen)
         cloud = thinned(cloud, self.n_points)
         sigma = surface_variation(cloud, max(3, len(cloud) // self.neighbour_divisor))
         fit = _fit(cloud, primitive_of(sigma), up_vector, plane)

@@ -36,7 +36,7 @@ from grasping.curvature_planner.region_report import ObjectReport, report_region
 from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.validation import object_cloud, require_near, workspace
+from grasping.validation import object_cloud, require_near, sight, workspace
 
 if TYPE_CHECKING:
     from grasping.baselines.published.planner import PublishedPlanner
@@ -136,6 +136,8 @@ class CurvaturePlanner:
         up: ArrayLike | None = None,
         table: ArrayLike | None = None,
         obstacles: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
     ) -> GraspPlan:
         """Plan on the cloud (N, 3) of one object, m, in any frame.
 
@@ -144,6 +146,7 @@ class CurvaturePlanner:
         """
         cloud = object_cloud(points)
         up_vector, plane, neighbours = workspace(up, table, obstacles)
+        sight(viewpoint, unseen)
         if plane is not None:
             require_near(cloud, plane)
         cloud = np.ascontiguousarray(cloud.T)

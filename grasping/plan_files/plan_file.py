@@ -61,7 +61,7 @@ def plan_file(path: Path, task: Task) -> PlannedFile:
     except (CloudError, OSError) as error:
         return PlannedFile(path, error=str(error).removeprefix(f"{path}: "))
     if task.segmenter is None:
-        return PlannedFile(path, len(points), [_plan(task, path.name, points, None, None)], read_s=read_s)
+        return PlannedFile(path, len(points), [_plan(task, path.name, points)], read_s=read_s)
     started = time.perf_counter()
     try:
         scene = task.segmenter.segment(cloud, up=task.up)
@@ -70,7 +70,15 @@ def plan_file(path: Path, task: Task) -> PlannedFile:
     segment_s = time.perf_counter() - started
     objects = [
         replace(
-            _plan(task, f"object {k + 1}", scene.objects[k], scene.plane, others),
+            _plan(
+                task,
+                f"object {k + 1}",
+                scene.objects[k],
+                table=scene.plane,
+                obstacles=others,
+                viewpoint=scene.viewpoint,
+                unseen=scene.unseen[k],
+            ),
             surroundings=_surroundings(cloud, scene, k),
             cut_off=scene.touches_border[k],
         )
@@ -114,10 +122,11 @@ def _surroundings(cloud: NDArray, scene: Scene, k: int) -> NDArray:
     return points[near]
 
 
-def _plan(task: Task, name: str, points: NDArray, table: NDArray | None, obstacles: NDArray | None) -> PlannedObject:
+def _plan(task: Task, name: str, points: NDArray, **scene: NDArray | None) -> PlannedObject:
+    """scene: what the planner is told beside the cloud and `up`."""
     started = time.perf_counter()
     try:
-        plan, error = task.planner.plan(points, up=task.up, table=table, obstacles=obstacles), None
+        plan, error = task.planner.plan(points, up=task.up, **scene), None
     except (CloudError, ConfigError) as problem:
         plan, error = GraspPlan(None, [], [], str(problem)), str(problem)
     return PlannedObject(name, points, plan, time.perf_counter() - started, error=error)

@@ -62,8 +62,8 @@ def look(observation: RobotObservation, segmenter: Segmenter) -> View:
     scene = segment_frame(observation, segmenter)
     T = observation.T_base_camera
     objects = [
-        SeenObject(_moved(T, points), bool(border))
-        for points, border in zip(scene.objects, scene.touches_border, strict=True)
+        SeenObject(_moved(T, points), bool(border), viewpoints=T[None, :3, 3], unseen=_moved(T, unseen))
+        for points, border, unseen in zip(scene.objects, scene.touches_border, scene.unseen, strict=True)
     ]
     plane = None
     if scene.plane is not None:

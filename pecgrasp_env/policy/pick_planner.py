@@ -102,7 +102,14 @@ class PickPlanner:
         points = objects[chosen].points
         others = np.concatenate([view.obstacles, *(seen.points for k, seen in enumerate(objects) if k != chosen)])
         with self._log.timed("plan grasp"):
-            plan: GraspPlan = self._planner.plan(points, up=UP, table=view.plane, obstacles=others)
+            plan: GraspPlan = self._planner.plan(
+                points,
+                up=UP,
+                table=view.plane,
+                obstacles=others,
+                viewpoint=objects[chosen].viewpoints if len(objects[chosen].viewpoints) else None,
+                unseen=objects[chosen].unseen,
+            )
         self._log.plan, self._log.chosen = plan, chosen
         planned = replace(nothing, plan=plan, reason=None)
         if plan.best is None:

@@ -14,11 +14,17 @@ _SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apa
 
 @dataclass
 class SeenObject:
-    """An object on the table. points: (M, 3) m, base frame. evidence: for each view the probability of each class."""
+    """An object on the table, in the base frame, m.
+
+    points: (M, 3). evidence: for each view the probability of each class. viewpoints: (V, 3) where the camera stood.
+    unseen: (U, 3) far ends of lines of sight from the last of them on which nothing was measured.
+    """
 
     points: np.ndarray
     touches_border: bool
     evidence: list[dict[str, float]] = field(default_factory=list)
+    viewpoints: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    unseen: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def centroid(self) -> np.ndarray:
@@ -44,6 +50,7 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
         old.points = np.concatenate([old.points, new.points])
         old.touches_border = old.touches_border and new.touches_border
         old.evidence += new.evidence
+        old.viewpoints, old.unseen = np.concatenate([old.viewpoints, new.viewpoints]), new.unseen
     return result
 
 

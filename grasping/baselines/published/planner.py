@@ -24,7 +24,7 @@ from grasping.geometry.sampling import spread, thinned
 from grasping.geometry.slabs import Rest
 from grasping.grasp import Grasp, GraspPlan, RegionReport, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.validation import object_cloud, workspace
+from grasping.validation import object_cloud, sight, workspace
 
 FloatArray = NDArray[np.float64]
 
@@ -147,13 +147,17 @@ class PublishedPlanner:
         up: ArrayLike | None = None,
         table: ArrayLike | None = None,
         obstacles: ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
     ) -> GraspPlan:
-        """Plan on the cloud (N, 3) of one object, m. Obstacles are checked for sense but, as published, not avoided.
+        """Plan on the cloud (N, 3) of one object, m. Obstacles are checked for sense but, as published, not avoided;
+        what was not seen (viewpoint, unseen) counts as free.
 
         Raises CloudError and ConfigError for input that is none.
         """
         cloud = object_cloud(points)
         up_vector, plane, _ = workspace(up, table, obstacles)
+        sight(viewpoint, unseen)
         cloud = (spread if self.thinning == "even" else thinned)(cloud, self.n_points)
         centroid = cloud.mean(axis=0)
         axes = object_axes(cloud)
