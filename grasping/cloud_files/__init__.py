@@ -1,4 +1,4 @@
-"""Read a cloud from a file, whatever wrote it: .ply, .pcd, .npy, .npz, .xyz.
+"""Read a cloud from a file, whatever wrote it: .ply, .pcd, .npy, .npz, or columns of text.
 
 cloud = read_cloud("frame.pcd")    # (N, 3), or (H, W, 3) where the file keeps a camera's rows and columns
 points = valid_points(cloud)       # (M, 3), without what the camera missed
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.cloud_files.arrays import read_npy, read_npz
+from grasping.cloud_files.columns import read_columns
 from grasping.cloud_files.pcd import read_pcd
 from grasping.cloud_files.ply import read_ply
-from grasping.cloud_files.text import read_xyz
 from grasping.errors import CloudError
 
 __all__ = ["SUFFIXES", "read_cloud", "valid_points"]
@@ -26,23 +26,29 @@ _READERS: dict[str, Callable[[bytes], NDArray]] = {
     ".npz": read_npz,
     ".pcd": read_pcd,
     ".ply": read_ply,
-    ".xyz": read_xyz,
+    **dict.fromkeys((".xyz", ".csv", ".asc", ".pts"), read_columns),
 }
 SUFFIXES = tuple(_READERS)
+_READERS[".txt"] = read_columns  # by its name only: in a folder of clouds it may be notes
 
 
 def read_cloud(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     """Return the points of a file as float32, in its own units and frame: (N, 3), or organised (H, W, 3).
 
     In an organised cloud a point with a coordinate that is not finite is NaN throughout; a loose one leaves it out.
+    One row or one column is loose, in every format.
 
     .ply: the vertices; ASCII or binary of either byte order, any other properties and elements beside them.
     .pcd: x, y, z of version 0.7; ascii, binary or binary_compressed; HEIGHT above 1 is organised. VIEWPOINT is ignored.
-    .npy: shape (N, 3) or (H, W, 3), or a structured array with fields x, y, z.
-    .npz: the array "points", else "xyz", else "depth" (H, W) with intrinsics "K" (3, 3) → OpenCV's camera frame, depth
-        of an integer type in millimetres and of a floating type in metres; else the one array of a cloud's shape.
-    .xyz: three numbers a line and whatever follows them, apart by blanks, commas or semicolons; # and // are comments,
-        and a first line of names or of the number of points is left out.
+        In ASCII files of both kinds numbers are counted, not lines, and as many must be there as the header promises.
+    .npy: shape (N, 3) or (H, W, 3), also with three colours or a normal behind: (N, 6), (H, W, 6); or a structured
+        array with fields x, y, z.
+    .npz: the array "points", else "xyz", else "depth" (H, W) with the matrix "K" (3, 3) of that image → OpenCV's camera
+        frame, depth of an integer type in millimetres and of a floating type in metres unless "depth_scale" says how
+        many metres a unit is; else the one array of shape (N, 3) or (H, W, 3).
+    .xyz, .csv, .txt, .asc, .pts: a point a line, its numbers apart by blanks, commas or semicolons, with decimal
+        points. The columns that a first line or comment names x, y and z, else the first three; all lines have as many.
+        Lines and ends of lines behind #, // or % are comments; a first line may have the number of points.
 
     Nothing is ever unpickled. Raises FileNotFoundError, or CloudError that names the file and what is wrong in it.
     """
@@ -50,7 +56,7 @@ def read_cloud(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         found = path.suffix or "a file without suffix"
-        raise CloudError(f"{path}: a cloud is read from {', '.join(SUFFIXES)}, not {found}")
+        raise CloudError(f"{path}: a cloud is read from {', '.join(_READERS)}, not {found}")
     if not path.is_file():
         raise FileNotFoundError(f"cloud {path} does not exist")
     try:
@@ -59,6 +65,8 @@ def read_cloud(path: str | os.PathLike[str]) -> NDArray[np.float32]:
         raise CloudError(f"{path}: {error}") from error
     with np.errstate(over="ignore", invalid="ignore"):  # beyond float32: infinite, and so no point
         points = points.astype(np.float32)
+    if points.ndim == 3 and 1 in points.shape[:2]:
+        points = points.reshape(-1, 3)
     finite = np.isfinite(points).all(axis=-1)
     if points.ndim == 2:
         return points[finite]

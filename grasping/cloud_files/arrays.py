@@ -13,6 +13,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.cloud_files.depth_frame import back_projected
 from grasping.errors import CloudError
 
 _ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
@@ -51,8 +52,11 @@ def read_npz(data: bytes) -> NDArray:
                     return _cloud(load(name), f"array {name!r}")
             if "depth" in names:
                 if "K" not in names:
-                    raise CloudError("array 'depth' needs the intrinsics (3, 3) as array 'K' beside it")
-                return _back_projected(load("depth"), load("K"))
+                    raise CloudError(
+                        "array 'depth' needs the intrinsics (3, 3) as array 'K' beside it; there are "
+                        + ", ".join(names)[:200]
+                    )
+                return back_projected(load("depth"), load("K"), load("depth_scale") if "depth_scale" in names else None)
             arrays = {name: load(name) for name in names}
     except CloudError:  # a ValueError, too
         raise
@@ -80,7 +84,7 @@ def _array(data: bytes) -> NDArray:
     except _HEADER_ERRORS as error:
         raise CloudError(f"not a readable .npy: {str(error)[:200]}") from error
     if dtype.hasobject:
-        raise CloudError("it holds Python objects, which are not unpickled")
+        raise CloudError("it holds Python objects, which are not unpickled: save an array of numbers, a cloud a file")
     if not dtype.itemsize:
         raise CloudError(f"an array of {dtype} holds no numbers")
     if min(shape, default=0) < 0:
@@ -102,8 +106,12 @@ def _is_cloud(array: NDArray) -> bool:
 
 
 def _cloud(array: NDArray, name: str) -> NDArray:
+    if array.ndim in (2, 3) and array.shape[-1] == 6 and not array.dtype.names:  # colours or a normal behind
+        array = array[..., :3]
     if not _is_cloud(array):
-        raise CloudError(f"{name}: shape {array.shape} of {array.dtype}, expected numbers (N, 3) or (H, W, 3)")
+        raise CloudError(
+            f"{name}: shape {array.shape} of {array.dtype}, expected numbers (N, 3) or (H, W, 3){_way_out(array)}"
+        )
     if array.dtype.names:
         axes = [array[axis] for axis in "xyz"]
         if any(axis.dtype.kind not in "fiu" or axis.ndim != array.ndim for axis in axes):
@@ -112,17 +120,13 @@ def _cloud(array: NDArray, name: str) -> NDArray:
     return array
 
 
-def _back_projected(depth: NDArray, intrinsics: NDArray) -> NDArray[np.float64]:
-    """The organised cloud (H, W, 3) of a depth image (H, W), NaN where the depth is 0 or less."""
-    if depth.ndim != 2 or depth.dtype.kind not in "fiu":
-        raise CloudError(f"array 'depth': shape {depth.shape} of {depth.dtype}, expected numbers (H, W)")
-    if intrinsics.shape != (3, 3) or intrinsics.dtype.kind not in "fiu":
-        raise CloudError(f"array 'K': shape {intrinsics.shape} of {intrinsics.dtype}, expected numbers (3, 3)")
-    k = intrinsics.astype(np.float64)
-    if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0):
-        raise CloudError(f"array 'K': focal lengths {k[0, 0]:g} and {k[1, 1]:g} must be positive")
-    with np.errstate(over="ignore", invalid="ignore"):
-        z = depth.astype(np.float64) * (1.0 if depth.dtype.kind == "f" else 1e-3)
-        z[~(z > 0)] = np.nan
-        v, u = np.indices(depth.shape)
-        return np.stack([(u - k[0, 2]) * z / k[0, 0], (v - k[1, 2]) * z / k[1, 1], z], axis=-1)
+def _way_out(array: NDArray) -> str:
+    if array.dtype.kind not in "fiu" or not array.size:
+        return ""
+    if array.ndim in (2, 3) and 3 < array.shape[-1] < 10:
+        return f"; of {array.shape[-1]} columns save the three of the points, [..., :3] where they come first"
+    if array.ndim in (2, 3) and array.shape[0] == 3:
+        return "; coordinates stand in columns: save its transpose"
+    if array.ndim == 2 and min(array.shape) > 10:
+        return '; a depth image is read from a .npz with arrays "depth" and "K"'
+    return "; a file holds one cloud" if array.ndim > 3 else ""

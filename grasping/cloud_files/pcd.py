@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.cloud_files.text import header_lines, read_columns, table_lines
+from grasping.cloud_files.text import header_lines, numbers, unmarked, word_lines
 from grasping.errors import CloudError
 
 _CODES = {"F": "f", "I": "i", "U": "u"}
@@ -14,13 +14,14 @@ _SIZES = {"F": (2, 4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 
 def read_pcd(data: bytes) -> NDArray:
     """Fields x, y, z as (N, 3), or (H, W, 3) where HEIGHT is above 1. Raises CloudError."""
+    data = unmarked(data)
     header, begin, first_line = _header(data)
-    fields = header.get("FIELDS", [])
+    fields = [name.lower() if name in ("X", "Y", "Z") else name for name in header.get("FIELDS", [])]
     if not fields:
         raise CloudError("the header has no FIELDS")
     sizes = _whole_numbers(header, "SIZE", len(fields))
     counts = _whole_numbers(header, "COUNT", len(fields)) if "COUNT" in header else [1] * len(fields)
-    types = header.get("TYPE", [])
+    types = [letter.upper() for letter in header.get("TYPE", [])]
     if len(types) != len(fields):
         raise CloudError(f"TYPE {' '.join(types)}: {len(fields)} fields need as many types")
     for name, letter, size in zip(fields, types, sizes, strict=True):
@@ -39,14 +40,18 @@ def read_pcd(data: bytes) -> NDArray:
         if counts[axes[-1]] != 1:
             raise CloudError(f"field {axis}: COUNT {counts[axes[-1]]} must be 1")
 
-    kind, body = header["DATA"], data[begin:]
+    kind, body = [word.lower() for word in header["DATA"]], data[begin:]
     formats = ["<" + _CODES[types[k]] + str(sizes[k]) for k in axes]
     widths = [size * count for size, count in zip(sizes, counts, strict=True)]
     if kind == ["ascii"]:
-        columns = [sum(counts[:k]) for k in axes]
-        points = _ascii(body, n, columns, first_line)
+        table = _table(body, n, sum(counts), " ".join(header["FIELDS"]), first_line)
+        points = table[:, [sum(counts[:k]) for k in axes]]
     elif kind == ["binary"]:
         _check_length(body, n * sum(widths))
+        # Older versions of the library stretched their files by a page of zeros.
+        if body[n * sum(widths) :].strip(b"\0 \r\n"):
+            left = len(body) - n * sum(widths)
+            raise CloudError(f"{left} bytes are left behind its {n} points: does the header lack a field?")
         record = np.dtype(
             {
                 "names": list("xyz"),
@@ -58,12 +63,12 @@ def read_pcd(data: bytes) -> NDArray:
         rows = np.frombuffer(body, record, count=n)
         points = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
     elif kind == ["binary_compressed"]:
-        table = _decompressed(body, n * sum(widths))
+        unpacked = _decompressed(body, n * sum(widths))
         # One field after the other, each for all points.
         starts = [n * sum(widths[:k]) for k in axes]
         points = np.stack(
             [
-                np.frombuffer(table, code, count=n, offset=start).astype(np.float64)
+                np.frombuffer(unpacked, code, count=n, offset=start).astype(np.float64)
                 for code, start in zip(formats, starts, strict=True)
             ],
             axis=1,
@@ -79,8 +84,9 @@ def _header(data: bytes) -> tuple[dict[str, list[str]], int, int]:
     for number, words, begin in header_lines(data):
         if not words or words[0].startswith("#"):
             continue
-        header[words[0]] = words[1:]
-        if words[0] == "DATA":
+        key = words[0].upper()
+        header["FIELDS" if key == "COLUMNS" else key] = words[1:]  # before version 0.6
+        if key == "DATA":
             return header, begin, number + 1
         if number > 100:
             break
@@ -96,11 +102,19 @@ def _whole_numbers(header: dict[str, list[str]], key: str, count: int) -> list[i
     return [int(word) for word in words]
 
 
-def _ascii(body: bytes, n: int, columns: list[int], first_line: int) -> NDArray[np.float64]:
-    lines = table_lines(body)
-    if len(lines) < n:
-        raise CloudError(f"promises {n} points and holds {len(lines)}")
-    return read_columns(lines[:n], columns, "xyz", first_line)
+def _table(body: bytes, n: int, width: int, fields: str, first_line: int) -> NDArray[np.float64]:
+    """(n, width) of a text whose rows may go on over several lines."""
+    values = numbers(body, first_line)
+    if len(values) == n * width:
+        return values.reshape(n, width)
+    lines = list(word_lines(body, first_line))
+    for number, words in lines:
+        if len(words) != width:
+            raise CloudError(
+                f"line {number} holds {len(words)} number{'s' * (len(words) != 1)}, and a point has {width} by the "
+                f"header: FIELDS {fields[:120]}"
+            )
+    raise CloudError(f"promises {n} points and holds {len(lines)}")
 
 
 def _check_length(body: bytes, needed: int) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.cloud_files.text import header_lines, read_columns, table_lines
+from grasping.cloud_files.text import header_lines, numbers, unmarked, word_lines
 from grasping.errors import CloudError
 
 _TYPES = {
@@ -19,6 +19,8 @@ _TYPES = {
     **dict.fromkeys(("uint", "uint32"), "u4"),
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
+    "int64": "i8",
+    "uint64": "u8",
 }
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
@@ -50,22 +52,29 @@ class _Element:
 
 def read_ply(data: bytes) -> NDArray:
     """The vertices' x, y, z (N, 3). Raises CloudError."""
+    data = unmarked(data)
     order, elements, begin, first_line = _header(data)
     names = [element.name for element in elements]
     if "vertex" not in names:
         raise CloudError("the header has no element vertex")
-    before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
+    at = names.index("vertex")
+    vertex = elements[at]
     own = [each.name for each in vertex.properties]
     for axis in "xyz":
         if axis not in own or vertex.properties[own.index(axis)].counted_by is not None:
-            raise CloudError(f"element vertex has no number {axis}")
+            raise CloudError(f"element vertex has no number {axis}; it has {', '.join(own)[:120] or 'no properties'}")
     if not order:
-        return _from_text(data[begin:], before, vertex, first_line)
+        return _from_text(data[begin:], elements, at, first_line)
     body = data[begin:]
     offset = 0
-    for element in before:
+    for element in elements[:at]:
         offset = _end_of(body, offset, element)
-    return _from_bytes(body, offset, vertex)
+    points, offset = _from_bytes(body, offset, vertex)
+    if at == len(elements) - 1 and body[offset:].strip(b"\0 \r\n"):
+        raise CloudError(
+            f"{len(body) - offset} bytes are left behind its {vertex.count} points: does the header lack a property?"
+        )
+    return points
 
 
 def _header(data: bytes) -> tuple[str, list[_Element], int, int]:
@@ -93,45 +102,109 @@ def _header(data: bytes) -> tuple[str, list[_Element], int, int]:
 
 
 def _property(words: list[str], order: str) -> _Property | None:
-    if len(words) == 2 and words[0] in _TYPES:
-        return _Property(words[1], np.dtype(order + _TYPES[words[0]]))
-    if len(words) == 4 and words[0] == "list" and words[1] in _TYPES and words[2] in _TYPES:
-        count = np.dtype(order + _TYPES[words[1]])
-        return _Property(words[3], np.dtype(order + _TYPES[words[2]]), count) if count.kind != "f" else None
+    if not words:
+        return None
+    types, name = [word.lower() for word in words[:-1]], words[-1]
+    name = name.lower() if name in ("X", "Y", "Z") else name
+    if len(types) == 1 and types[0] in _TYPES:
+        return _Property(name, np.dtype(order + _TYPES[types[0]]))
+    if len(types) == 3 and types[0] == "list" and types[1] in _TYPES and types[2] in _TYPES:
+        count = np.dtype(order + _TYPES[types[1]])
+        return _Property(name, np.dtype(order + _TYPES[types[2]]), count) if count.kind != "f" else None
     return None
 
 
-def _from_text(body: bytes, before: list[_Element], vertex: _Element, first_line: int) -> NDArray:
-    lines = table_lines(body)
-    skipped = sum(element.count for element in before)
-    rows = lines[skipped : skipped + vertex.count]
-    if len(rows) < vertex.count:
-        raise CloudError(f"promises {vertex.count} points and holds {len(rows)}")
-    first_line += skipped
+def _from_text(body: bytes, elements: list[_Element], at: int, first_line: int) -> NDArray:
+    """A row may go on over several lines, as those of some viewers do: numbers are counted, and all must be there."""
+    values = numbers(body, first_line)
+    if any(element.has_lists for element in elements):
+        # Where a line is a row each, one that is too short shall not borrow from the lists behind.
+        n_lines = sum(1 for line in body.splitlines() if line.strip())
+        if n_lines == sum(element.count for element in elements):
+            _blame_line(body, elements, first_line)
+    offset = 0
+    points = np.empty((0, 3))
+    for number, element in enumerate(elements):
+        if number == at:
+            points, offset = _text_rows(values, offset, element)
+        else:
+            offset = _text_end(values, offset, element)
+        if offset > len(values):
+            break
+    if offset != len(values):
+        _blame_line(body, elements, first_line)
+        raise CloudError(f"its header promises {offset} numbers or more, and {len(values)} follow")
+    return points
+
+
+def _text_rows(values: NDArray, offset: int, vertex: _Element) -> tuple[NDArray, int]:
+    """The points, and where their element ends: beyond the values where these are too few."""
     names = [each.name for each in vertex.properties]
+    axes = [names.index(axis) for axis in "xyz"]
     if not vertex.has_lists:
-        return read_columns(rows, [names.index(axis) for axis in "xyz"], "xyz", first_line)
-    # A list moves what stands after it: each line has columns of its own.
-    points = [
-        read_columns([row], _columns(row, vertex, number), "xyz", number) for number, row in enumerate(rows, first_line)
-    ]
-    return np.concatenate(points) if points else np.empty((0, 3))
+        end = offset + vertex.count * len(names)
+        table = values[offset:end] if end <= len(values) else values[:0]
+        return table.reshape(-1, len(names))[:, axes], end
+    points = np.empty((min(vertex.count, len(values)), 3))
+    for row in range(vertex.count):
+        starts, offset = _text_row(values, offset, vertex)
+        if offset > len(values):
+            break
+        points[row] = values[[starts[k] for k in axes]]
+    return points, offset
 
 
-def _columns(row: str, vertex: _Element, number: int) -> list[int]:
-    """In which column of this line x, y and z stand."""
-    words, places, at = row.split(), dict[str, int](), 0
-    for each in vertex.properties:
-        places.setdefault(each.name, at)
+def _text_end(values: NDArray, offset: int, element: _Element) -> int:
+    """Where an element ends that begins here; beyond the values where these are too few."""
+    if not element.has_lists:
+        return offset + element.count * len(element.properties)
+    if len(element.properties) == 1 and element.count and offset < len(values):  # most faces are all triangles
+        width = 1 + int(max(np.nan_to_num(values[offset]), 0))
+        end = offset + element.count * width
+        if end <= len(values) and (values[offset:end:width] == width - 1).all():
+            return end
+    for _ in range(element.count):
+        _, offset = _text_row(values, offset, element)
+        if offset > len(values):
+            break
+    return offset
+
+
+def _text_row(values: NDArray, offset: int, element: _Element) -> tuple[list[int], int]:
+    """Where each property of a row with lists begins, and where the row ends."""
+    starts = []
+    for each in element.properties:
+        starts.append(offset)
         if each.counted_by is not None:
-            if at >= len(words) or not words[at].isdecimal() or len(words[at]) > 9:
-                raise CloudError(f"line {number}: field {each.name} does not begin with the length of a list")
-            at += int(words[at])
-        at += 1
-    return [places[axis] for axis in "xyz"]
+            length = values[offset] if offset < len(values) else 0
+            if not (length >= 0 and length == int(min(length, 1e9))):
+                raise CloudError(f"a list {each.name} of {element.name} does not begin with its length: {length:g}")
+            offset += int(length)
+        offset += 1
+    return starts, offset
 
 
-def _from_bytes(body: bytes, offset: int, vertex: _Element) -> NDArray:
+def _blame_line(body: bytes, elements: list[_Element], first_line: int) -> None:
+    """Raises CloudError for the first line that is no row as the header says, if each line is to be one."""
+    lines = word_lines(body, first_line)
+    for element in elements:
+        names, found = [each.name for each in element.properties], 0
+        while found < element.count and (line := next(lines, None)):
+            number, words = line
+            if not element.has_lists and len(words) != len(names):
+                raise CloudError(
+                    f"line {number} holds {len(words)} number{'s' * (len(words) != 1)}, and a {element.name} has "
+                    f"{len(names)} by the header: {', '.join(names)[:120]}"
+                )
+            found += 1
+        if found < element.count:
+            raise CloudError(f"promises {element.count} rows of {element.name} and holds {found}")
+    if line := next(lines, None):
+        raise CloudError(f"line {line[0]}: more follows than the header promises")
+
+
+def _from_bytes(body: bytes, offset: int, vertex: _Element) -> tuple[NDArray, int]:
+    """The points, and where their element ends."""
     names = [each.name for each in vertex.properties]
     axes = [names.index(axis) for axis in "xyz"]
     if vertex.has_lists:
@@ -139,15 +212,15 @@ def _from_bytes(body: bytes, offset: int, vertex: _Element) -> NDArray:
         for row in range(vertex.count):
             starts, offset = _row(body, offset, vertex, row)
             points[row] = [_number(body, starts[k], vertex.properties[k].code) for k in axes]
-        return points
-    _end_of(body, offset, vertex)
+        return points, offset
+    end = _end_of(body, offset, vertex)
     codes = [each.code for each in vertex.properties]
     starts = [sum(code.itemsize for code in codes[:k]) for k in axes]
     record = np.dtype(
         {"names": list("xyz"), "formats": [codes[k] for k in axes], "offsets": starts, "itemsize": vertex.width}
     )
     rows = np.frombuffer(body, record, count=vertex.count, offset=offset)
-    return np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    return np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1), end
 
 
 def _end_of(body: bytes, offset: int, element: _Element) -> int:

@@ -1,16 +1,27 @@
-"""Numbers in lines of text, and the .xyz files that are nothing else. Errors name the line and the column."""
+"""Numbers in a body of text, apart by blanks and line ends alike. Errors name the line and the word."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasping.errors import CloudError
 
-_APART = re.compile(r"[\s,;]+")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?|[+-]?\d{1,3}(,\d{3}){2,}")
+_FORTRAN = re.compile(rb"(?<=[0-9.])[dD](?=[+-]?[0-9])")
+_WINDOWS_NAN = re.compile(rb"[+-]?1\.#(IND|QNAN|SNAN|INF)[0-9]*|[+-]?nan\((ind|snan)\)", re.IGNORECASE)
+
+
+def unmarked(data: bytes) -> bytes:
+    """The data without the mark that some programs put before a text in UTF-8. Raises CloudError for UTF-16."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise CloudError("a text in UTF-16: save it as UTF-8")
+    return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def decoded(data: bytes) -> str:
@@ -19,86 +30,74 @@ def decoded(data: bytes) -> str:
 
 
 def header_lines(data: bytes) -> Iterator[tuple[int, list[str], int]]:
-    """Of each line of a file its number, from 1, its words, and where in the data the next line begins."""
+    """Of each line of a file its number, from 1, its words, and where in the data the next line begins.
+
+    Lines end as the first one does: in \\n, also after \\r, or in \\r alone.
+    """
+    first = re.search(rb"[\r\n]\n?", data)
+    mark = b"\r" if first is not None and first.group() == b"\r" else b"\n"
     begin, number = 0, 0
     while begin < len(data):
-        end = data.find(b"\n", begin)
+        end = data.find(mark, begin)
         end = len(data) if end < 0 else end
         words = decoded(data[begin:end]).split()
         begin, number = end + 1, number + 1
         yield number, words, begin
 
 
-def table_lines(body: bytes) -> list[str]:
-    """The lines of a body of text, without blank ones at its end."""
-    lines = decoded(body).splitlines()
-    while lines and not lines[-1].strip():
-        lines.pop()
-    return lines
-
-
-def read_columns(
-    lines: Sequence[str], columns: Sequence[int], names: Sequence[str], first_line: int
-) -> NDArray[np.float64]:
-    """The numbers (N, C) in these columns, apart by blanks, of lines that all hold a row.
-
-    names: of the columns, and first_line: number of the first line in its file, for errors. Raises CloudError.
-    """
-    if not lines:
-        return np.empty((0, len(columns)))
+def numbers(body: bytes, first_line: int) -> NDArray[np.float64]:
+    """All numbers of a text, in order; first_line: the number of its first line in its file. Raises CloudError."""
+    body = plain_numbers(body)
+    if not body.strip():  # which NumPy reads as -1
+        return np.empty(0)
     try:
-        numbers = np.loadtxt(lines, usecols=columns, dtype=np.float64, comments=None, ndmin=2)
-    except ValueError as error:
-        _blame(lines, columns, names, first_line)
-        raise CloudError(f"from line {first_line}: {error}") from error
-    if len(numbers) < len(lines):  # a blank line is passed over
-        _blame(lines, columns, names, first_line)
-    return numbers
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # NumPy 1 only warns
+            return np.fromstring(body, dtype=np.float64, sep=" ")
+    except (ValueError, DeprecationWarning):
+        pass
+    for number, words in word_lines(body, first_line):
+        for word in words:
+            check_number(word, f"line {number}")
+    raise CloudError("its text holds bytes that are no numbers")
 
 
-def _blame(lines: Sequence[str], columns: Sequence[int], names: Sequence[str], first_line: int) -> None:
-    """Raises CloudError for the first field that is missing or no number."""
-    for number, line in enumerate(lines, first_line):
-        words = line.split()
-        for column, name in zip(columns, names, strict=True):
-            if column >= len(words):
-                raise CloudError(f"line {number}: field {name} is missing")
-            try:
-                float(words[column])
-            except ValueError as error:
-                raise CloudError(f"line {number}: field {name}: {words[column][:40]!r} is not a number") from error
+def plain_numbers(body: bytes) -> bytes:
+    """The text with what Fortran and Windows write for exponents and NaN as everyone else does."""
+    body = _FORTRAN.sub(b"e", body)
+    return _WINDOWS_NAN.sub(b"nan", body) if b"#" in body or b"(" in body else body
 
 
-def read_xyz(data: bytes) -> NDArray[np.float64]:
-    """The first three columns (N, 3) of a text; see `grasping.cloud_files.read_cloud`. Raises CloudError."""
-    rows: list[str] = []
-    numbers: list[int] = []
-    count: int | None = None
-    first = True
-    for number, line in enumerate(decoded(data).splitlines(), 1):
-        words = _APART.split(line.split("#", 1)[0].split("//", 1)[0].strip(" \t,;"))
-        if words == [""]:
-            continue
-        if first and len(words) == 1 and words[0].isdecimal():
-            count = int(words[0])
-        elif not (first and not any(_is_number(word) for word in words)):
-            rows.append(" ".join(words[:3]))
-            numbers.append(number)
-        first = False
-    try:
-        points = read_columns(rows, (0, 1, 2), "xyz", 1)
-    except CloudError:
-        for row, number in zip(rows, numbers, strict=True):
-            _blame([row], (0, 1, 2), "xyz", number)
-        raise
-    if count is not None and count != len(points):
-        raise CloudError(f"line 1: promises {count} points, and {len(points)} follow")
-    return points
+def word_lines(body: bytes, first_line: int) -> Iterator[tuple[int, list[str]]]:
+    """The number and the words of each line that is not blank."""
+    for number, line in enumerate(decoded(body).splitlines(), first_line):
+        if words := line.split():
+            yield number, words
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+def check_number(word: str, where: str) -> None:
+    """Raises CloudError with the way out where a word is no number."""
+    if "_" not in word:
+        try:
+            float(word)
+        except ValueError:
+            pass
+        else:
+            return
+    raise CloudError(f"{where}: {word[:40]!r} is not a number{way_out(word)}")
+
+
+def has_comma(word: str) -> bool:
+    """Whether a word is a number with a decimal comma, or with commas between its thousands."""
+    return bool(_DECIMAL_COMMA.fullmatch(word) or _GROUPED.fullmatch(word))
+
+
+def way_out(word: str) -> str:
+    """What to write instead of a word that should be a number, where its form says what was meant."""
+    if _DECIMAL_COMMA.fullmatch(word):
+        return f": a decimal comma? Write decimal points, {word.replace(',', '.')[:40]}"
+    if _GROUPED.fullmatch(word):
+        return f": commas between thousands? Leave them out, {word.replace(',', '')[:40]}"
+    if ";" in word or "," in word:
+        return ": numbers stand apart by blanks in this format, not by commas or semicolons"
+    return ": write nan for what was not measured" if word.lower() in ("null", "none", "na", "n/a", "-", "--") else ""
