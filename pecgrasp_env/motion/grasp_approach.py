@@ -1,4 +1,9 @@
-"""From a grasp on a cloud to joint paths: over the object, straight down to it, and straight up again."""
+"""From a grasp on a cloud to joint paths: over the object, down to it, back while it closes, straight up again.
+
+Parallelogram fingers push the pads forward while they close, by up to 29 mm over the stroke. The hand comes down with
+the tips where they are to hold, at the opening that it comes in with, and is drawn back along its approach by what the
+pads advance: so the tips stay at one height, whatever the width at which they meet the object.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +20,13 @@ from pecgrasp_env.robot.kinematics import HOME, UP
 
 LIFT_M = 0.25  # an object held at one end hangs down
 _OPEN_MARGIN_M = 0.03  # wider than the object, both sides together, where the planner has no wish of its own
-_TIP_CLEARANCE_M = 0.003  # between fingertips and table; the planner asks for 4 mm at the planned width
-_OVERCLOSE_M = 0.004  # closing further than planned pushes the tips forward
+_TIP_CLEARANCE_M = 0.001  # between fingertips and table: the measured table is off by 0.1 mm, the arm by less than 1 mm
 _STANDOFF_M = 0.08
 _OVER_OBJECTS_M = 0.03
 _FREE_M = 0.06  # lifted so far, an object is clear of the table's friction and of low neighbours
 _CARRY_RADIUS_M = 0.60
 _TRIED_GRASPS = 24
+_CLOSING_STEPS = 8  # postures on the way to the closed hand; joints that turn evenly in between are off by under 0.2 mm
 _AT_ONCE = 2  # grasps whose paths are computed together: mostly one of the first can be carried out
 _TRIED_PATHS = 4  # for one grasp
 
@@ -31,7 +36,9 @@ class Approach:
     """Joint paths (K, 6) to a grasp and up again, and the opening [m] to go there with.
 
     T_base_grasp: (4, 4) as it is carried out, the fingertips clear of the table, the closing direction turned round
-    where that suits the arm. T_base_tool0: (4, 4) of the flange there.
+    where that suits the arm. T_base_tool0: (4, 4) of the flange there, at contact. to_grasp ends, and to_close (M, 6)
+    starts, with the pads there at `opening`; to_close keeps them there at M openings that fall evenly to 0. to_lift
+    goes up from the last of those.
     """
 
     grasp: Grasp
@@ -40,16 +47,26 @@ class Approach:
     T_base_tool0: np.ndarray
     to_pregrasp: np.ndarray
     to_grasp: np.ndarray
+    to_close: np.ndarray
     to_lift: np.ndarray
+
+    def posture_at(self, opening: float) -> np.ndarray:
+        """The joint angles (6,) that have the pads where they are to hold, the fingers at an opening (m)."""
+        openings = np.linspace(0.0, self.opening, len(self.to_close))
+        return np.array([np.interp(opening, openings, joint) for joint in self.to_close[::-1].T])
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A grasp in one of its two closing directions: T_base_tool0 there, standoff [m] of the pre-grasp before it."""
+    """A grasp in one of its two closing directions: T_base_tool0 at contact, standoff [m] of the pre-grasp before it.
+
+    advance: (M,) how far [m] the flange is in front of T_base_tool0 at M openings from that to come in with to 0.
+    """
 
     grasp: Grasp
     T_base_grasp: np.ndarray
     T_base_tool0: np.ndarray
+    advance: np.ndarray
     standoff: float
 
 
@@ -98,12 +115,14 @@ def _opening_of(grasp: Grasp) -> float:
     return float(min(ROBOTIQ_2F_140.stroke, grasp.terms.get("opening", grasp.width + _OPEN_MARGIN_M)))
 
 
-def clear_of_table(T_base_grasp: np.ndarray, width: float, plane: np.ndarray) -> np.ndarray:
-    """The grasp pose, drawn back along its approach as far as the fingertips need to stay off the table, (4, 4)."""
+def clear_of_table(T_base_grasp: np.ndarray, opening: float, plane: np.ndarray) -> np.ndarray:
+    """The grasp pose, drawn back along its approach as far as the fingertips need to stay off the table, (4, 4).
+
+    opening: the widest, m, at which the pads are at the pose: of a tilted hand one tip is then lowest.
+    """
     hand = ROBOTIQ_2F_140
-    forward = hand.pad_length / 2 + hand.pad_depth(max(width - _OVERCLOSE_M, 0.0)) - hand.pad_depth(width)
-    x, y = width / 2 + hand.finger_thickness, hand.finger_width / 2
-    tips = np.array([[sx * x, sy * y, forward, 1.0] for sx in (-1, 1) for sy in (-1, 1)]) @ T_base_grasp.T
+    x, y, z = opening / 2 + hand.finger_thickness, hand.finger_width / 2, hand.pad_length / 2
+    tips = np.array([[sx * x, sy * y, z, 1.0] for sx in (-1, 1) for sy in (-1, 1)]) @ T_base_grasp.T
     lowest = float((tips[:, :3] @ plane[:3]).min() + plane[3])
     descent = -float(T_base_grasp[:3, 2] @ plane[:3])
     result = T_base_grasp.copy()
@@ -115,20 +134,22 @@ def clear_of_table(T_base_grasp: np.ndarray, width: float, plane: np.ndarray) ->
 def _both_directions(grasp: Grasp, plane: np.ndarray, travel_height: float) -> list[_Candidate]:
     """The grasp and itself turned half round; the pre-grasp is so far back that the tips pass over `travel_height`."""
     hand = ROBOTIQ_2F_140
+    opening, width = _opening_of(grasp), min(max(grasp.width, 0.0), hand.stroke)
+    depth = np.array([hand.pad_depth(each) for each in np.linspace(opening, 0.0, _CLOSING_STEPS + 1)])
     result = []
     for T in (np.asarray(grasp.pose), grasp.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])):
-        T_grasp = clear_of_table(T, grasp.width, plane)
+        T_grasp = clear_of_table(T, opening, plane)
         tip = T_grasp[:3, 3] @ plane[:3] + plane[3] + T_grasp[:3, 2] @ plane[:3] * hand.pad_length / 2
         descent = max(-float(T_grasp[:3, 2] @ plane[:3]), 0.3)
         standoff = max(_STANDOFF_M, (travel_height - float(tip)) / descent)
-        T_tool0 = tool0_from_grasp(T_grasp, min(max(grasp.width, 0.0), hand.stroke))
-        result.append(_Candidate(grasp, T_grasp, T_tool0, standoff))
+        advance = hand.pad_depth(width) - depth
+        result.append(_Candidate(grasp, T_grasp, tool0_from_grasp(T_grasp, width), advance, standoff))
     return result
 
 
 def _paths(candidates: list[_Candidate]) -> tuple[np.ndarray, int]:
-    """Postures (W, 8, K, 6) from the pre-grasp down and up again, of all branches, NaN out of reach; and how many of
-    the K lead to the grasp.
+    """Postures (W, 8, K, 6) from the pre-grasp down, back and up again, of all branches, NaN out of reach; and how many
+    of the K lead to the grasp; the next _CLOSING_STEPS go back.
     """
     down = 1 + int(np.ceil(max(candidate.standoff for candidate in candidates) / LINE_STEP_M))
     up = int(np.ceil(LIFT_M / LINE_STEP_M))
@@ -141,14 +162,17 @@ def _paths(candidates: list[_Candidate]) -> tuple[np.ndarray, int]:
     far = np.isnan(inverse_kinematics_batch(highest)).any(axis=2).all(axis=1)
     inwards = np.minimum(1.0, _CARRY_RADIUS_M / np.hypot(top[:, 0], top[:, 1]))
     top[far, :2] *= inwards[far, None]
-    back = np.array([candidate.standoff for candidate in candidates])[:, None] * np.linspace(1.0, 0.0, down)
+    advance = np.array([candidate.advance for candidate in candidates])
+    standoff = np.array([candidate.standoff for candidate in candidates])
+    forward = np.concatenate([advance[:, :1] - standoff[:, None] * np.linspace(1.0, 0.0, down), advance[:, 1:]], axis=1)
+    closed = place + advance[:, -1:] * approach
     free = max(1, int(np.ceil(up * _FREE_M / LIFT_M)))
     rise = np.linspace(0.0, 1.0, free + 1)[1:, None]
     carry = np.linspace(0.0, 1.0, up - free + 1)[1:, None]
     positions = np.concatenate(
         [
-            place[:, None] - back[..., None] * approach[:, None],
-            place[:, None] + rise * (off - place)[:, None],
+            place[:, None] + forward[..., None] * approach[:, None],
+            closed[:, None] + rise * (off - closed)[:, None],
             off[:, None] + carry * (top - off)[:, None],
         ],
         axis=1,
@@ -187,5 +211,7 @@ def _first_free(
             continue
         candidate = candidates[w]
         T_base_grasp, T_base_tool0 = candidate.T_base_grasp, candidate.T_base_tool0
-        return Approach(grasp, opening, T_base_grasp, T_base_tool0, there, path[:down], path[down - 1 :])
+        closed = down + _CLOSING_STEPS
+        to_grasp, to_close, to_lift = path[:down], path[down - 1 : closed], path[closed:]
+        return Approach(grasp, opening, T_base_grasp, T_base_tool0, there, to_grasp, to_close, to_lift)
     raise problem or MotionError("no way to the grasp")

@@ -6,7 +6,7 @@ the last one.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,14 @@ from pecgrasp_env.robot.kinematics import forward_kinematics
 
 Steps = Generator[np.ndarray, RobotObservation, Any]
 
+_CLOSING_SPEED = 0.15  # m/s of opening: the arm, drawn back meanwhile, keeps up
 _STILL_OPENING_M = 0.0003  # a gripper whose opening changes by less within a step has stopped
 _LONGEST_CLOSING_STEPS = 30
 _OPENING_STEPS = 10
 _SAFE_TOOL_M = 0.45  # height of tool0 at which the fingertips pass over everything on the table
-_SETTLED_RAD = 0.01
+_SETTLED_RAD = 0.003  # 1.5 mm at the tips at most
 # Following a path of half speed the arm lags by 0.015 rad and the opening by less than 0.1 mm.
+_LED_STEPS = 1.5  # the arm lags by about half a step behind what it is sent
 _BLOCKED_RAD = 0.03
 _BLOCKED_OPENING_M = 0.0015
 _LONGEST_SETTLING_STEPS = 15
@@ -67,13 +69,29 @@ class ArmSteps:
         lag = float(np.abs(observation.q - self.command[:6]).max())
         return lag > _BLOCKED_RAD or abs(observation.opening - opening) > _BLOCKED_OPENING_M
 
-    def close(self, observation: RobotObservation) -> Steps:
-        """Close and wait until the fingers stand still, on something or on each other."""
-        still = 0
+    def close(self, observation: RobotObservation, posture_at: Callable[[float], np.ndarray]) -> Steps:
+        """Close and wait until the fingers stand still, on something or on each other.
+
+        posture_at: opening, m → joint angles (6,) that keep the fingertips where they are to hold. The arm follows the
+        opening that was commanded while the fingers do, and the one that is measured where something stops them.
+        """
+        return (yield from self._shut(observation, posture_at, observation.opening))
+
+    def squeeze(self, observation: RobotObservation) -> Steps:
+        """Hold on, the arm where it is, until the fingers stand still."""
+        q = self.command[:6]
+        return (yield from self._shut(observation, lambda _: q, 0.0))
+
+    def _shut(self, observation: RobotObservation, posture_at: Callable[[float], np.ndarray], wish: float) -> Steps:
+        """As `close`, the opening that is commanded falling evenly from ``wish``, m."""
+        stride = _CLOSING_SPEED * self._control_dt
+        moved, still = stride, 0
         for _ in range(_LONGEST_CLOSING_STEPS):
             before = observation.opening
-            observation = yield self._action(self.command[:6], 0.0)
-            still = still + 1 if abs(observation.opening - before) < _STILL_OPENING_M else 0
+            wish = max(wish - stride, 0.0)
+            observation = yield self._action(posture_at(max(wish, before - _LED_STEPS * moved)), wish)
+            moved = before - observation.opening
+            still = still + 1 if abs(moved) < _STILL_OPENING_M else 0
             if still == 3:
                 break
         return observation

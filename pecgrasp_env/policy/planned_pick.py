@@ -19,8 +19,9 @@ class PlannedPick:
     grasps. approach: joint paths of a UR5 with this project's gripper, where its joint angles were given. confidence:
     that the chosen object is of the asked-for class. reason: why there is no grasp or no path, or None.
     T_base_grasp: pads' centre, z the approach, x the closing direction, the fingertips clear of the table.
-    T_base_tool0: the flange there. width, opening: m, at contact and to come in with. They are None where there is no
-    grasp.
+    T_base_tool0: the flange there at contact; at another opening the pads are there where the flange is
+    `pad_depth(width) - pad_depth(opening)` in front of it, so draw it back while the hand closes. width, opening: m, at
+    contact and to come in with. They are None where there is no grasp.
     """
 
     objects: list[SeenObject]

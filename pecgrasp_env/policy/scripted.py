@@ -148,10 +148,10 @@ class ScriptedPolicy:
                 continue
             approach = pick.approach
             self.log.grasp = approach.grasp
-            failure, observation = yield from self._pick(arm, approach, observation)
+            failure, lift, observation = yield from self._pick(arm, approach, observation)
             if failure is None and still_there(objects[pick.chosen], observation, view.plane):
                 failure = "it is still on the table"
-                observation = yield from arm.go(approach.to_lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
+                observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
             if failure is None:
                 self.log.lifted = True
                 self.log.doing = "holding it"
@@ -193,8 +193,8 @@ class ScriptedPolicy:
         return np.stack([q_start, q_goal])
 
     def _pick(self, arm: ArmSteps, approach: Approach, observation: RobotObservation) -> Steps:
-        """Go there, close, lift. Returns why it failed, or None, and the last observation: whether something is held is
-        read off the opening and the force, as on the real gripper.
+        """Go there, close, lift. Returns why it failed, or None, the joint path (K, 6) of the lift, and the last
+        observation: whether something is held is read off the opening and the force, as on the real gripper.
         """
         slipped = any(failure.startswith("lost") for failure in self.log.failures)
         arm.force = _FIRM_FORCE_N if slipped else _FORCE_N
@@ -205,21 +205,22 @@ class ScriptedPolicy:
             approach.to_grasp, observation, opening=approach.opening, speed=_APPROACH_SPEED, careful=True
         )
         if arm.blocked(observation, approach.opening):
-            return "touched something on the way down", observation
+            return "touched something on the way down", approach.to_lift, observation
         self.log.doing = "closing"
-        observation = yield from arm.close(observation)
+        observation = yield from arm.close(observation, approach.posture_at)
+        lift = np.concatenate([arm.command[None, :6], approach.to_lift])
         self.log.held_m, self.log.held_n = observation.opening, observation.force
         if observation.opening < _EMPTY_OPENING_M or _nothing_pressed(observation):
-            return "closed on nothing", observation
+            return "closed on nothing", lift, observation
         if observation.opening > approach.grasp.width + _TOO_WIDE_M:
             found, planned = observation.opening * 1e3, approach.grasp.width * 1e3
-            return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", observation
+            return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", lift, observation
         closed = observation.opening
         self.log.doing = "lifting"
-        observation = yield from arm.go(approach.to_lift, observation, opening=0.0, speed=_LIFT_SPEED)
-        observation = yield from arm.close(observation)
+        observation = yield from arm.go(lift, observation, opening=0.0, speed=_LIFT_SPEED)
+        observation = yield from arm.squeeze(observation)
         lost = observation.opening < max(_EMPTY_OPENING_M, _LOST_SHARE * closed) or _nothing_pressed(observation)
-        return ("lost while lifting" if lost else None), observation
+        return ("lost while lifting" if lost else None), lift, observation
 
 
 def _nothing_pressed(observation: RobotObservation) -> bool:

@@ -6,13 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from grasping import ROBOTIQ_2F_140
+from grasping import ROBOTIQ_2F_140, Grasp
+from grasping.grasp import plan_from
 from pecgrasp_env.motion.clearance import Clearance
-from pecgrasp_env.motion.grasp_approach import clear_of_table
+from pecgrasp_env.motion.grasp_approach import clear_of_table, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError, straight_line, unwound
 from pecgrasp_env.motion.trajectory import JOINT_ACCELERATION, JOINT_SPEED, time_law
 from pecgrasp_env.policy.viewpoints import HOME, look_at, look_postures, posture_above
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics, tool0_from_grasp
+from pecgrasp_env.robot.kinematics import COUPLER
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 NOTHING = np.zeros((0, 3))
@@ -75,11 +77,28 @@ def test_angles_go_on_over_a_full_turn():
 def test_fingertips_stay_off_the_table(width, height):
     T = clear_of_table(top_down(0.5, 0.1, height), width, TABLE)
     tip = T[2, 3] - ROBOTIQ_2F_140.pad_length / 2
-    assert tip > 0.003
+    assert tip > 0.0009
     assert T[:2, 3] == pytest.approx(np.array([0.5, 0.1]))
     if height > 0.05:
         assert pytest.approx(top_down(0.5, 0.1, height)) == T
     assert tool0_from_grasp(T, width)[2, 3] > 0.2
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3, -0.6])
+@pytest.mark.parametrize("width", [0.002, 0.06, 0.125])
+def test_while_it_closes_the_hand_goes_back_by_what_the_pads_advance(width, tilt):
+    """So the tips stay where they are to hold, from the opening to come in with to the closed hand."""
+    T_grasp = top_down(0.5, 0.1, 0.05, yaw=0.4)
+    T_grasp[:3, :3] @= Rotation.from_euler("x", tilt).as_matrix()
+    plan = plan_from([Grasp(T_grasp, width, 1.0, "region", None, {"opening": min(width + 0.05, 0.14)})], [], "")
+    approach = plan_approach(plan, np.array([[0.5, 0.1, 0.04]]), NOTHING, TABLE, HOME)
+    assert approach.to_close[0] == pytest.approx(approach.to_grasp[-1])
+    for opening in np.linspace(0.0, approach.opening, 23):
+        T = forward_kinematics(approach.posture_at(opening))
+        pads = T[:3, 3] + (COUPLER + ROBOTIQ_2F_140.pad_depth(opening)) * T[:3, 2]
+        assert pads == pytest.approx(approach.T_base_grasp[:3, 3], abs=3e-4)
+        assert T[:3, 2] == pytest.approx(approach.T_base_grasp[:3, 2], abs=1e-3)
+    assert forward_kinematics(approach.to_lift[-1])[2, 3] == pytest.approx(approach.T_base_tool0[2, 3] + 0.25)
 
 
 def test_the_views_look_at_the_table():

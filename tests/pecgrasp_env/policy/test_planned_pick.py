@@ -64,7 +64,11 @@ def test_from_joint_angles_there_are_paths_that_lead_to_the_pose():
     pick = ScriptedPolicy(by_size).plan_only(SCENE, INTRINSICS, CAMERA, "slab", q=HOME, opening=0.14)
     assert pick.approach.to_pregrasp[0] == pytest.approx(HOME)
     assert pick.approach.to_grasp[0] == pytest.approx(pick.approach.to_pregrasp[-1])
-    assert forward_kinematics(pick.approach.to_grasp[-1]) == pytest.approx(pick.T_base_tool0, abs=1e-9)
+    assert pick.approach.to_close[0] == pytest.approx(pick.approach.to_grasp[-1])
+    for opening in (pick.opening, 0.7 * pick.opening, pick.width, 0.004, 0.0):
+        T_base_tool0 = forward_kinematics(pick.approach.posture_at(opening))
+        assert T_base_tool0 == pytest.approx(tool0_from_grasp(pick.T_base_grasp, opening), abs=2e-4)
+    assert forward_kinematics(pick.approach.posture_at(pick.width)) == pytest.approx(pick.T_base_tool0, abs=2e-4)
     lifted = forward_kinematics(pick.approach.to_lift[-1])
     assert lifted[2, 3] == pytest.approx(pick.T_base_tool0[2, 3] + 0.25, abs=1e-9)
 

@@ -1,10 +1,13 @@
 """The scripted policy in the real simulator: it picks what it is told to and notices what went wrong."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from mani_skill.utils.structs.pose import Pose
 
+from grasping import ROBOTIQ_2F_140, CurvaturePlanner
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.evaluation.run import run_episode
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
@@ -36,6 +39,36 @@ def test_it_lifts_the_object_that_was_asked_for(env, seed, labels):
     assert episode.reason is None
     assert episode.failures == []
     assert set(episode.stages) == {"segment", "classify", "plan grasp", "plan motion"}
+
+
+class _Overestimates:
+    """Plans as the default planner does, and takes everything for 40 mm wider than it is, as baselines may."""
+
+    def plan(self, points, **scene):
+        plan = CurvaturePlanner().plan(points, **scene)
+        wider = [replace(grasp, width=min(grasp.width + 0.04, 0.12), terms={}) for grasp in plan.candidates]
+        return replace(plan, candidates=wider, best=wider[0])
+
+
+def test_the_tips_stay_at_one_height_while_the_hand_closes(env, labels):
+    """The pads swing down by up to 29 mm while they close: an arm that stood still would press them on the table."""
+    obs, info = env.reset(seed=0)
+    policy = ScriptedPolicy(labels(env), _Overestimates())
+    policy.reset(info["target"][0])
+    openings, heights = [], []
+    while not policy.done:
+        action, closing = policy.act(obs), policy.log.doing == "closing"
+        obs, _, terminated, _, info = env.step(action)
+        if closing:
+            openings.append(float(obs["extra"]["opening"]))
+            heights.append(float(env.unwrapped.agent.pads_pose.p[0, 2]))
+        if terminated:
+            break
+    assert info["success"]
+    assert policy.log.failures == []
+    swing = ROBOTIQ_2F_140.pad_depth(min(openings)) - ROBOTIQ_2F_140.pad_depth(max(openings))
+    assert swing > 0.004
+    assert np.ptp(heights) < 0.0025
 
 
 def test_it_picks_one_of_five_that_lie_close(labels):
