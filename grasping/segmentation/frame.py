@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from grasping.errors import CloudError
+from grasping.segmentation.edge_of_view import EdgeOfView
+from grasping.segmentation.flying_pixels import edge_owners, ramps, single_pixels
 from grasping.segmentation.lines_of_sight import LinesOfSight
 from grasping.segmentation.scene import Rejected, Scene
 from grasping.validation import position
@@ -16,7 +19,6 @@ from grasping.validation import position
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SAME_SURFACE = 0.02  # m: within this a neighbouring pixel sees the same surface
 GRIPPER_CONTACT = 0.01  # m
 LOWEST_CAMERA = 0.05  # m above the table
 
@@ -31,6 +33,7 @@ class Frame:
     def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float], viewpoint: ArrayLike | None = None) -> None:
         self.points, self.shape = _flattened(cloud)
         self._viewpoint = None if viewpoint is None else position(viewpoint, name="viewpoint")
+        self._origin = np.zeros(3) if self._viewpoint is None else self._viewpoint
         near, far = max(depth_range[0], 1e-6), depth_range[1]
         where = f"{depth_range[0]:g} to {far:g} m away"
         # NaN compares as false; infinity and values whose square overflows are beyond the range.
@@ -38,6 +41,7 @@ class Frame:
             x, y, z = self.points.T
             squared = x * x + y * y + z * z
             self.valid = (squared >= near * near) & (squared <= far * far)
+        self._squared = squared
         self.count = int(np.count_nonzero(self.valid))
         if not self.count:
             beyond = squared[np.isfinite(squared) & (squared > 0)]
@@ -70,13 +74,54 @@ class Frame:
         heights[~self.valid] = np.nan
         return heights
 
-    def without_flying(self, chosen: IntArray) -> IntArray:
-        """Those of the chosen points that do not hang in the air; all of them where the cloud is not organised."""
+    def without_flying(self, chosen: IntArray, plane: FloatArray | None = None) -> tuple[IntArray, IntArray]:
+        """Those of the chosen points that do not hang in the air, and those on ramps, which may be an object's edge.
+
+        plane: (4,) the table, where there is one. A cloud that is not organised keeps all of its points.
+        """
         if self.shape is None:
-            return chosen
-        flying = flying_pixels(self.points, chosen, self.shape)
+            return chosen, np.empty(0, dtype=np.int64)
+        flying = single_pixels(self.points, chosen, self.shape)
         self.reject("points", "in the air at an edge", int(np.count_nonzero(flying)))
-        return chosen[~flying]
+        chosen = chosen[~flying]
+        if self.sight is None:
+            return chosen, np.empty(0, dtype=np.int64)
+        on_ramp = ramps(self.points, self._distance(), chosen, self.shape, self.sight, plane)
+        return chosen[~on_ramp], chosen[on_ramp]
+
+    def with_edges(self, kept: list[IntArray], on_ramps: IntArray) -> list[IntArray]:
+        """The objects with those points on ramps that adjoin them; the others hang in the air."""
+        if not len(on_ramps) or self.shape is None:
+            return kept
+        owners = edge_owners(self.points, kept, on_ramps, self.shape[1])
+        self.reject("points", "on a ramp between two surfaces", int(np.count_nonzero(owners < 0)))
+        return [np.sort(np.append(index, on_ramps[owners == number])) for number, index in enumerate(kept)]
+
+    @cached_property
+    def sight(self) -> LinesOfSight | None:
+        """The camera of an organised frame, where its points say that it stood where it is said to."""
+        if self.shape is None:
+            return None
+        lines = LinesOfSight(self.points, self.valid, self.shape, self._origin)
+        return lines if lines.fits else None
+
+    def area(self, index: IntArray, pitch: float) -> float:
+        """How large what these points show is across the line of sight, m². pitch: m between points of the table."""
+        if self.sight is None:
+            return len(index) * pitch**2
+        across = self.points.take(index, axis=0).astype(np.float64) - self.sight.viewpoint
+        return float(np.einsum("ij,ij->", across, across)) * self.sight.pixel**2
+
+    def _distance(self) -> NDArray:
+        """(N,) from the viewpoint, m, of all points, whatever their range; NaN where nothing was measured."""
+        squared = self._squared
+        if self._viewpoint is not None:
+            apart = self.points - self._viewpoint.astype(self.points.dtype)
+            with np.errstate(over="ignore", invalid="ignore"):
+                squared = np.einsum("ij,ij->i", apart, apart)
+        distance = np.sqrt(squared)
+        distance[self._holes] = np.nan
+        return np.asarray(distance)
 
     def scene(
         self,
@@ -86,14 +131,14 @@ class Frame:
         hand: FloatArray | None,
         n_table: int,
     ) -> Scene:
-        edge = None if self.shape is None else edge_of_view(self.valid.reshape(self.shape))
+        edge = None if self.shape is None else EdgeOfView(self.valid.reshape(self.shape))
         clouds = [self.points.take(index, axis=0) for index in kept]
         viewpoint, unseen = self._seen_from(plane, kept, clouds)
         return Scene(
             objects=clouds,
             indices=kept,
             plane=plane,
-            touches_border=[edge is not None and bool(edge.take(index).any()) for index in kept],
+            touches_border=[edge is not None and edge.cuts(index) for index in kept],
             touches_gripper=[hand is not None and _touch(points, hand) for points in clouds],
             rejected=self.rejected,
             obstacles=[self.points.take(index, axis=0) for index in obstacles],
@@ -107,17 +152,14 @@ class Frame:
     ) -> tuple[FloatArray | None, list[FloatArray]]:
         """Where the camera stood, if that is known, and for each object the far ends of the lines that met nothing."""
         nothing = [np.empty((0, 3)) for _ in kept]
-        origin = np.zeros(3) if self._viewpoint is None else self._viewpoint
         if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
             return None, nothing  # a frame of the world: no camera looks from under the table
         if self.shape is None:
-            return origin, nothing
-        lines = LinesOfSight(self.points, self.valid, self.shape, origin)
-        if not lines.fits:
+            return self._origin, nothing
+        if self.sight is None:
             return self._viewpoint, nothing
-        return origin, [
-            lines.unseen(self._holes, index, points, plane) for index, points in zip(kept, clouds, strict=True)
-        ]
+        far = [self.sight.unseen(self._holes, index, points, plane) for index, points in zip(kept, clouds, strict=True)]
+        return self._origin, far
 
 
 def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
@@ -135,41 +177,6 @@ def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
     # One row or one column is a list of points and no image.
     shape = (points.shape[0], points.shape[1]) if points.ndim == 3 and min(points.shape[:2]) > 1 else None
     return points.reshape(-1, 3), shape
-
-
-def flying_pixels(points: NDArray, chosen: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which of the chosen points hang between two surfaces, as stereo and time of flight put them on edges.
-
-    Fewer than two of such a pixel's eight neighbours are on the same surface. points (H · W, 3): the frame, in any
-    frame of reference; chosen (C,) indexes it. Returns (C,).
-    """
-    columns = shape[1]
-    own = points.take(chosen, axis=0)
-    column = chosen % columns
-    has = {-1: column > 0, 0: np.ones(len(chosen), dtype=bool), 1: column < columns - 1}
-    close = np.zeros(len(chosen), dtype=np.int8)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for row in (-1, 0, 1):
-            for step in (-1, 0, 1):
-                if row == step == 0:
-                    continue
-                # Above the first row and below the last "clip" gives a corner of the image: far away, or oneself.
-                difference = points.take(chosen + row * columns + step, axis=0, mode="clip") - own
-                close += has[step] & (np.einsum("ij,ij->i", difference, difference) < SAME_SURFACE**2)
-    return close < 2
-
-
-def edge_of_view(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(H · W,) pixels within two of the edge of that part of the image (H, W) in which the sensor sees anything.
-
-    Stereo sensors are blind in a band at one side: a row or column that is valid in less than a tenth is outside.
-    """
-    edge = np.ones(seen.shape, dtype=bool)
-    rows = np.flatnonzero(seen.mean(axis=1) > 0.1)
-    columns = np.flatnonzero(seen.mean(axis=0) > 0.1)
-    if len(rows) and len(columns):
-        edge[rows[0] + 2 : max(rows[-1] - 1, 0), columns[0] + 2 : max(columns[-1] - 1, 0)] = False
-    return edge.reshape(-1)
 
 
 def _touch(points: NDArray, hand: FloatArray) -> bool:

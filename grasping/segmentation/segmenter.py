@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,8 +12,10 @@ from grasping.geometry.clustering import by_label, voxel_clusters
 from grasping.segmentation.footprints import convex_outline, label_footprints, spacing
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.published import PublishedSegmenter
+from grasping.segmentation.rims import join_walls
+from grasping.segmentation.saddles import parts_above_saddles
 from grasping.segmentation.scene import Rejected, Scene
-from grasping.segmentation.table_gaps import split_by_table
+from grasping.segmentation.table_gaps import parts_by_table
 from grasping.segmentation.table_plane import SAMPLED, basis, find_table, fit_all
 from grasping.validation import FARTHEST, as_cloud, unit_vector
 
@@ -19,6 +23,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 BESIDE_TABLE = 0.01  # m outside of the seen table's outline
+_SMALL = "small"
 
 
 class Segmenter:
@@ -34,7 +39,8 @@ class Segmenter:
     plane_band: least and greatest distance (m) from the refined plane within which a point is table; between the two it
         is three times the plane's measured residual, so that an object of 12 mm survives noise of 1 to 2 mm.
     gap: between two objects, m; at 1.2 gaps they are surely told apart, at 0.8 they are one.
-    min_points, min_height: smaller and lower (m, 95 % of its points) clusters are noise and unevenness of the table.
+    min_points, min_area, min_height: clusters of fewer points, of less area (m², across the line of sight) or lower (m,
+        95 % of its points) are noise and unevenness of the table.
     max_extent: larger clusters are no objects for a hand, m. max_height: points higher above the table are left out, m.
     seed: of RANSAC's draws; the same input gives the same scene.
     """
@@ -47,6 +53,7 @@ class Segmenter:
         plane_band: tuple[float, float] = (0.003, 0.010),
         gap: float = 0.015,
         min_points: int = 40,
+        min_area: float = 2e-4,
         min_height: float = 0.008,
         max_extent: float = 0.45,
         max_height: float = 0.45,
@@ -59,6 +66,7 @@ class Segmenter:
             ("plane_distance", plane_distance, 1e-4, 0.5),
             ("gap", gap, 0.004, 0.5),
             ("min_points", min_points, 3, 10**7),
+            ("min_area", min_area, 0.0, 1.0),
             ("min_height", min_height, 0.0, 1.0),
             ("max_extent", max_extent, 0.01, 100.0),
             ("max_height", max_height, 0.01, 100.0),
@@ -69,6 +77,7 @@ class Segmenter:
         self.plane_band = plane_band
         self.gap = gap
         self.min_points = min_points
+        self.min_area = min_area
         self.min_height = min_height
         self.max_extent = max_extent
         self.max_height = max_height
@@ -110,59 +119,130 @@ class Segmenter:
         tall = height.take(above) > self.max_height
         frame.reject("points", f"more than {self.max_height:g} m above the table", int(np.count_nonzero(tall)))
         frame.reject("points", "below the table", frame.count - len(table) - len(above))
-        chosen = frame.without_flying(above[~tall])
+        chosen, on_ramps = frame.without_flying(above[~tall], plane.equation)
         level = basis(plane.equation[:3])
         flat = frame.points.take(chosen, axis=0) @ level
         seen = frame.points.take(table[:: max(1, len(table) // 5000)], axis=0) @ level
-        labels = label_footprints(flat, self.gap, spacing(seen, len(table)))
-        if frame.shape is not None:
-            labels = split_by_table(labels, chosen, flat, height, frame.shape, self.min_points)
-        clusters = self._sort(frame, chosen, labels, height, flat, convex_outline(seen))
-        return frame.scene(plane.equation, *clusters, hand, len(table))
+        pitch = spacing(seen, len(table))
+        labels = label_footprints(flat, self.gap, pitch)
+        on_table = _OnTable(level, height, flat, convex_outline(seen), pitch)
+        kept, obstacles = self._sort(frame, chosen, labels, on_table)
+        return frame.scene(plane.equation, frame.with_edges(kept, on_ramps), obstacles, hand, len(table))
 
     def _without_table(self, frame: Frame, why: str, hand: FloatArray | None) -> Scene:
         frame.rejected.insert(0, Rejected("plane", why, frame.count))
-        chosen = frame.without_flying(np.flatnonzero(frame.valid))
+        chosen, on_ramps = frame.without_flying(np.flatnonzero(frame.valid))
         labels = voxel_clusters(frame.points.take(chosen, axis=0).astype(np.float64), self.gap)
-        return frame.scene(None, *self._sort(frame, chosen, labels, None, None, None), hand, 0)
+        kept, obstacles = self._sort(frame, chosen, labels, None)
+        return frame.scene(None, frame.with_edges(kept, on_ramps), obstacles, hand, 0)
 
     def _sort(
-        self,
-        frame: Frame,
-        chosen: IntArray,
-        labels: IntArray,
-        height: NDArray | None,
-        flat: NDArray | None,
-        outline: FloatArray | None,
+        self, frame: Frame, chosen: IntArray, labels: IntArray, on_table: _OnTable | None
     ) -> tuple[list[IntArray], list[IntArray]]:
-        """Split the clusters into objects, the largest first, and others that may be in the way.
-
-        height (N,) of the frame's points above the table, flat (C, 2) the chosen ones in the table's plane, outline
-        the edges of what is seen of it.
-        """
-        kept, obstacles = [], []
+        """Split the clusters into objects, the largest first, and others that may be in the way."""
+        kept: list[IntArray] = []
+        obstacles: list[IntArray] = []
+        small: list[int] = []
         frame.reject("points", "isolated", int(np.count_nonzero(labels < 0)))
-        few, few_points = 0, 0
-        for members in by_label(labels):
-            points = chosen[members]
-            if len(members) < self.min_points:
-                few, few_points = few + 1, few_points + len(members)
-                continue
-            if height is not None and (top := _upper(height.take(points))) < self.min_height:
-                frame.reject("cluster", f"only {top * 1e3:.0f} mm high", len(members))
-                continue
-            coordinates = np.ascontiguousarray(frame.points.take(points, axis=0).T)  # extremes over long rows are fast
-            extent = float(np.ptp(coordinates, axis=1).max())
-            if extent > self.max_extent:
-                frame.reject("cluster", f"{extent:.2f} m large, more than {self.max_extent:g} m", len(members))
-                obstacles.append(points)
-            elif flat is not None and outline is not None and _outside(outline, flat.take(members, axis=0)):
-                frame.reject("cluster", "beside the table", len(members))
-                obstacles.append(points)
-            else:
-                kept.append(points)
-        frame.reject("points", f"{few} clusters of fewer than {self.min_points}", few_points)
+        for cluster in by_label(labels):
+            # What is no object whatever its parts are is not taken apart.
+            why_whole = self._too_little(frame, chosen[cluster], on_table)
+            if why_whole is None and on_table is not None and on_table.beside(cluster, every_one=True):
+                why_whole = "beside the table"
+            parts = [cluster] if why_whole else self._parts(frame, chosen, cluster, on_table)
+            for members in parts:
+                points, why = chosen[members], why_whole
+                if len(parts) > 1:
+                    why = self._too_little(frame, points, on_table)
+                if why is None:
+                    why = self._misplaced(frame, points, members, on_table)
+                if why is None:
+                    kept.append(points)
+                elif why == _SMALL:
+                    small.append(len(members))
+                else:
+                    frame.reject("cluster", why, len(members))
+                    if not why.startswith("only"):
+                        obstacles.append(points)
+        if on_table is not None and len(kept) > 1:
+            walls = [
+                (frame.points.take(points, axis=0) @ on_table.level, on_table.height.take(points)) for points in kept
+            ]
+            kept = [np.concatenate([kept[i] for i in numbers]) for numbers in join_walls(walls)]
+        least = f"fewer than {self.min_points} points or less than {self.min_area * 1e4:g} cm²"
+        frame.reject("points", f"{len(small)} clusters of {least}", sum(small))
         return sorted(kept, key=lambda points: -len(points)), obstacles
+
+    def _parts(self, frame: Frame, chosen: IntArray, members: IntArray, on_table: _OnTable | None) -> list[IntArray]:
+        """A cluster's members, by the parts between which the table is seen; what is then too large, by what it is
+        above the feet of its parts.
+        """
+        if on_table is None:
+            return [members]
+        points = chosen[members]
+        least = max(self.min_points, round(len(members) * self.min_area / frame.area(points, on_table.pitch)))
+        parts = [members]
+        if frame.shape is not None:
+            flat = on_table.flat.take(members, axis=0)
+            parts = [
+                members[part] for part in by_label(parts_by_table(points, flat, on_table.height, frame.shape[1], least))
+            ]
+        done: list[IntArray] = []
+        while parts:
+            part = parts.pop()
+            group = None
+            if self._extent(frame, chosen[part]) > self.max_extent:
+                flat, height = on_table.flat.take(part, axis=0), on_table.height.take(chosen[part])
+                group = parts_above_saddles(flat, height, self.gap, on_table.pitch, least)
+            if group is None:
+                done.append(part)
+            else:
+                parts += [part[each] for each in by_label(group)]
+        return done
+
+    @staticmethod
+    def _extent(frame: Frame, points: IntArray) -> float:
+        coordinates = np.ascontiguousarray(frame.points.take(points, axis=0).T)  # extremes over long rows are fast
+        return float(np.ptp(coordinates, axis=1).max())
+
+    def _too_little(self, frame: Frame, points: IntArray, on_table: _OnTable | None) -> str | None:
+        """Why so few or so low points are no object."""
+        if len(points) < self.min_points:
+            return _SMALL
+        known = on_table is not None or frame.sight is not None
+        if known and frame.area(points, 0.0 if on_table is None else on_table.pitch) < self.min_area:
+            return _SMALL
+        if on_table is not None and (top := _upper(on_table.height.take(points))) < self.min_height:
+            return f"only {top * 1e3:.0f} mm high"
+        return None
+
+    def _misplaced(self, frame: Frame, points: IntArray, members: IntArray, on_table: _OnTable | None) -> str | None:
+        """Why what is large enough is no object on the table."""
+        if (extent := self._extent(frame, points)) > self.max_extent:
+            return f"{extent:.2f} m large, more than {self.max_extent:g} m"
+        return "beside the table" if on_table is not None and on_table.beside(members) else None
+
+
+@dataclass(frozen=True)
+class _OnTable:
+    """height: (N,) of the frame's points above the table. flat: (C, 2) where the chosen ones are on it. outline: the
+    edges of what is seen of it. pitch: m between its points. level: (3, 2) its basis.
+    """
+
+    level: FloatArray
+    height: NDArray
+    flat: NDArray
+    outline: FloatArray | None
+    pitch: float
+
+    def beside(self, members: IntArray, *, every_one: bool = False) -> bool:
+        """Whether the middle of these points, or every one of them, lies outside of the table's outline."""
+        if self.outline is None:
+            return False
+        flat = self.flat.take(members, axis=0)
+        if not every_one:
+            return _outside(self.outline, flat.mean(axis=0, keepdims=True))
+        return _outside(self.outline, flat[:: max(1, len(flat) // 100)])
 
 
 def _upper(height: NDArray) -> float:
@@ -172,8 +252,9 @@ def _upper(height: NDArray) -> float:
 
 
 def _outside(outline: FloatArray, flat: NDArray) -> bool:
-    """Whether the middle of these points of the plane lies outside of the table's outline."""
-    return bool((outline[:, :2] @ flat.mean(axis=0) + outline[:, 2] > BESIDE_TABLE).any())
+    """Whether all of these points (M, 2) of the plane lie outside of the table's outline."""
+    beyond = flat @ outline[:, :2].T + outline[:, 2] > BESIDE_TABLE
+    return bool(beyond.any(axis=1).all())
 
 
 __all__ = ["PublishedSegmenter", "Rejected", "Scene", "Segmenter"]

@@ -22,51 +22,36 @@ NEIGHBOURS = 0.03  # m; what lies farther apart hangs together only by what is b
 TABLE = 0.4  # of the lower fragment's height: what lies lower between them is table and no noise on one thing
 
 
-def split_by_table(
-    labels: IntArray, chosen: IntArray, flat: FloatArray, height: NDArray, shape: tuple[int, int], least: int
-) -> IntArray:
-    """Labels (C,) anew: clusters between whose parts the table is seen fall into these parts.
+def parts_by_table(pixels: IntArray, flat: FloatArray, height: NDArray, columns: int, least: int) -> IntArray:
+    """Number (M,) of the part of a cluster that each of its pixels belongs to: the table is seen between the parts.
 
-    labels: of the points `chosen` (C,), which are pixels of a frame (H, W), −1 for none. flat: (C, 2) where they are on
-    the table, m. height: (H·W,) of all pixels above it, m, NaN for none. least: pixels; smaller fragments stay with the
-    nearest.
+    pixels: of a frame of so many columns. flat: (M, 2) where they are on the table, m. height: (H·W,) of all pixels
+    above it, m, NaN for none. least: pixels; smaller fragments stay with the nearest.
     """
-    if not len(chosen):
-        return labels
-    rows, columns = np.divmod(chosen, shape[1])
-    first = rows.min(), columns.min()
-    # A row and a column wider than what is seen, so that erosion sees where it ends.
-    picture = np.zeros((rows.max() - first[0] + 3, columns.max() - first[1] + 3), dtype=bool)
-    at = rows - first[0] + 1, columns - first[1] + 1
-    picture[at] = labels >= 0
+    if len(pixels) < 2 * least:
+        return np.zeros(len(pixels), dtype=np.int64)
+    row, column = np.divmod(pixels, columns)
+    at = row - row.min() + 1, column - column.min() + 1
+    # A row and a column wider than the cluster, so that erosion sees where it ends.
+    picture = np.zeros((at[0].max() + 2, at[1].max() + 2), dtype=bool)
+    picture[at] = True
     inner = ndimage.binary_erosion(picture)
-    parts, origin = _fragments(picture, inner)
-    part, border = parts[at], ~inner[at]
-    sizes = np.bincount(part, minlength=len(origin))
-    result = labels.copy()
-    fresh = int(labels.max(initial=-1)) + 1
-    for label in np.flatnonzero(np.bincount(labels[labels >= 0])):
-        members = np.flatnonzero(labels == label)
-        here = np.flatnonzero(np.bincount(part[members], minlength=len(origin)))
-        large = here[sizes[here] >= least]
-        if len(large) < 2:
-            continue
-        whole = [members[part[members] == number] for number in large]
-        edges = [each[border[each]] for each in whole]
-        tops = [float(np.median(height[chosen[each]])) for each in whole]
-        group = _joined(edges, tops, origin[large], chosen, flat, height, shape[1])
-        if group.max() == 0:
-            continue
-        owner = np.full(len(origin), -1)
-        owner[large] = group
-        group_of = owner[part[members]]
-        known = group_of >= 0
-        if not known.all():
-            edge = members[known & border[members]]
-            group_of[~known] = owner[part[edge]][cKDTree(flat[edge]).query(flat[members[~known]])[1]]
-        result[members] = np.where(group_of == 0, label, fresh + group_of - 1)
-        fresh += int(group.max())
-    return result
+    fragments, origin = _fragments(picture, inner)
+    fragment, border = fragments[at], ~inner[at]
+    # Each fragment is looked at by its border. One whose border pixels all fell to its neighbours has none: a crumb.
+    large = np.flatnonzero((np.bincount(fragment) >= least) & np.bincount(fragment, weights=border).astype(bool))
+    if len(large) < 2:
+        return np.zeros(len(pixels), dtype=np.int64)
+    edges = [np.flatnonzero(border & (fragment == number)) for number in large]
+    tops = [float(np.median(height[pixels[fragment == number]])) for number in large]
+    owner = np.full(len(origin), -1)
+    owner[large] = _joined(edges, tops, origin[large], pixels, flat, height, columns)
+    group = owner[fragment]
+    known = group >= 0
+    if not known.all():
+        edge = np.flatnonzero(known & border)
+        group[~known] = group[edge][cKDTree(flat[edge]).query(flat[~known])[1]]
+    return np.asarray(group, dtype=np.int64)
 
 
 def _fragments(picture: NDArray[np.bool_], inner: NDArray[np.bool_]) -> tuple[NDArray[np.int32], IntArray]:
@@ -89,11 +74,13 @@ def _fragments(picture: NDArray[np.bool_], inner: NDArray[np.bool_]) -> tuple[ND
             ~np.isin(cores[box], wanted), return_distances=False, return_indices=True
         )
         piece = np.where(inside, cores[box][tuple(nearest)], 0)
+        places = ndimage.find_objects(piece)
         for number in wanted[1:]:
-            mine = piece == number
-            touching = ndimage.binary_dilation(mine) & inside & ~mine
+            around = tuple(slice(max(each.start - 1, 0), each.stop + 1) for each in places[number - 1])
+            mine = piece[around] == number
+            touching = ndimage.binary_dilation(mine) & inside[around] & ~mine
             if np.count_nonzero(touching) < BRIDGE:
-                whole[box][mine] = len(origin)
+                whole[box][around][mine] = len(origin)
                 origin.append(int(fragment))
     return whole, np.array(origin)
 
@@ -102,12 +89,12 @@ def _joined(
     edges: list[IntArray],
     tops: list[float],
     origin: IntArray,
-    chosen: IntArray,
+    pixels: IntArray,
     flat: FloatArray,
     height: NDArray,
     columns: int,
 ) -> IntArray:
-    """The number of the group (F,) that each fragment belongs to. edges: of each its border, as indices into `chosen`;
+    """The number of the group (F,) that each fragment belongs to. edges: of each its border, as indices into `pixels`;
     tops: how high it is, m.
     """
     group = np.arange(len(edges))
@@ -122,7 +109,7 @@ def _joined(
             # Where the two come nearest: is there table between most of the nearest pairs of pixels?
             distance, nearest = trees[j].query(flat[edges[i]])
             pairs = np.argsort(distance, kind="stable")[:NEAREST_PAIRS]
-            lowest = _lowest_between(chosen[edges[i][pairs]], chosen[edges[j][nearest[pairs]]], height, columns)
+            lowest = _lowest_between(pixels[edges[i][pairs]], pixels[edges[j][nearest[pairs]]], height, columns)
             if 2 * np.count_nonzero(lowest < TABLE * min(tops[i], tops[j])) <= len(pairs):
                 group[group == group[i]] = group[j]
     return np.unique(group, return_inverse=True)[1]

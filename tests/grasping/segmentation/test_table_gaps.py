@@ -65,3 +65,14 @@ def test_a_handle_is_a_bridge():
 def test_crumbs_stay_with_the_nearest():
     cloud = frame((20, 20, 30, 20, 0.04), (20, 43, 30, 25, 0.03), (52, 24, 4, 4, 0.02))
     assert sorted(len(points) for points in seen(cloud)) == pytest.approx([600 + 16, 750], abs=10)
+
+
+def test_what_is_seen_through_a_ring_of_another_thing_and_beside_it_is_taken_apart():
+    """Inside of the ring no pixel of the back one borders on nothing: it had no border to look between."""
+    cloud = frame((30, 30, 20, 20, 0.05), (30, 53, 20, 20, 0.05))
+    ring = np.zeros(cloud.shape[:2], dtype=bool)
+    ring[28:52, 28:52] = True
+    ring[30:50, 30:50] = False
+    cloud[ring] += np.float32([0, 0.08, 0.10])  # nearer to the camera, over another place of the table
+    objects = seen(cloud)
+    assert sorted(len(points) for points in objects) == [176, 400, 400]
