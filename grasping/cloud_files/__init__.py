@@ -19,7 +19,7 @@ from grasping.cloud_files.pcd import read_pcd
 from grasping.cloud_files.ply import read_ply
 from grasping.errors import CloudError
 
-__all__ = ["SUFFIXES", "read_cloud", "valid_points"]
+__all__ = ["SUFFIXES", "read_cloud", "read_object", "valid_points"]
 
 _READERS: dict[str, Callable[[bytes], NDArray]] = {
     ".npy": read_npy,
@@ -52,7 +52,16 @@ def read_cloud(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
     Nothing is ever unpickled. Raises FileNotFoundError, or CloudError that names the file and what is wrong in it.
     """
-    path = Path(path)
+    points = _as_stored(Path(path))
+    finite = np.isfinite(points).all(axis=-1)
+    if points.ndim == 2:
+        return points[finite]
+    points[~finite] = np.nan
+    return points
+
+
+def _as_stored(path: Path) -> NDArray[np.float32]:
+    """(N, 3) or (H, W, 3), also what is not finite."""
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         found = path.suffix or "a file without suffix"
@@ -65,13 +74,23 @@ def read_cloud(path: str | os.PathLike[str]) -> NDArray[np.float32]:
         raise CloudError(f"{path}: {error}") from error
     with np.errstate(over="ignore", invalid="ignore"):  # beyond float32: infinite, and so no point
         points = points.astype(np.float32)
-    if points.ndim == 3 and 1 in points.shape[:2]:
-        points = points.reshape(-1, 3)
-    finite = np.isfinite(points).all(axis=-1)
-    if points.ndim == 2:
-        return points[finite]
-    points[~finite] = np.nan
-    return points
+    return points.reshape(-1, 3) if points.ndim == 3 and 1 in points.shape[:2] else points
+
+
+def read_object(path: str | os.PathLike[str]) -> tuple[NDArray[np.float32], int]:
+    """The valid points (M, 3) of a file with one object, and how many others it holds, which are left out.
+
+    Raises as `read_cloud`, and CloudError for a stack of clouds, which is no image: all of its points are valid.
+    """
+    stored = _as_stored(Path(path))
+    points = valid_points(stored)
+    others = stored.size // 3 - len(points)
+    if stored.ndim == 3 and not others:
+        raise CloudError(
+            f"{path}: {stored.shape[0]} × {stored.shape[1]} valid points: several clouds, or a whole frame? A file "
+            "holds one object, (N, 3), or an image of it that is NaN around it"
+        )
+    return points, others
 
 
 def valid_points(cloud: NDArray) -> NDArray:

@@ -1,4 +1,4 @@
-"""Labelled clouds from files: a generated data set's directory, or ModelNet10 as one archive."""
+"""Labelled clouds from files: a generated data set's directory, ModelNet10 as one archive, or one's own arrays."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from pec.common.run_identity import files_key
 from pec.data.dataset import CloudDataset
+from pec.data.labelled_arrays import FORM, read_arrays, read_labelled
 from pec.data.shards import MANIFEST_NAME, read_manifest, read_shard
 from pec.data.splits import SPLITS_NAME, read_splits
 from pec.errors import DatasetError
@@ -39,7 +40,7 @@ def load_dataset(
     min_points: int = 1,
     size: str = "stored",
 ) -> CloudDataset:
-    """A generated data set's directory, or ModelNet10 as one .npz.
+    """A generated data set's directory, ModelNet10 as one .npz, or a .npz as of `pec.data.labelled_arrays`.
 
     size: "stored", or "mesh" as `CloudDataset.in_mesh_size`.
 
@@ -49,7 +50,7 @@ def load_dataset(
     class is unknown, or a class is left without samples.
     """
     path = Path(path)
-    dataset = _load_modelnet(path) if path.suffix == ".npz" else _load_generated(path)
+    dataset = _load_archive(path) if path.suffix == ".npz" else _load_generated(path)
     keep = np.array([len(cloud) >= min_points for cloud in dataset.clouds], bool)
     if samples_per_instance is not None:
         keep &= _rank_within(dataset.instances) < samples_per_instance
@@ -69,6 +70,8 @@ def load_dataset(
 
 
 def _load_generated(directory: Path) -> CloudDataset:
+    if directory.is_file():
+        raise DatasetError(f"{directory} is no data set: a folder, or a .npz; {FORM}")
     manifest = read_manifest(directory)
     if not manifest.complete:
         raise DatasetError(f"{directory} is unfinished: run the same generation command again, it resumes")
@@ -91,19 +94,21 @@ def _load_generated(directory: Path) -> CloudDataset:
     )
 
 
-def _load_modelnet(path: Path) -> CloudDataset:
+def _load_archive(path: Path) -> CloudDataset:
+    arrays = read_arrays(path)
+    return _modelnet(path, arrays) if "train_points" in arrays else read_labelled(path, arrays).dataset
+
+
+def _modelnet(path: Path, arrays: dict[str, np.ndarray]) -> CloudDataset:
     """ModelNet10 clouds scaled to the unit sphere: arrays `train_points`, `train_labels`, `test_…`, `class_names`, and
     with `train_scale`, `test_scale`, the radii of the meshes, their size, too."""
-    if not path.is_file():
-        raise DatasetError(f"{path} does not exist")
-    with np.load(path, allow_pickle=False) as arrays:
-        try:
-            parts = [(arrays[f"{part}_points"], arrays[f"{part}_labels"]) for part in ("train", "test")]
-            names = [str(name) for name in arrays["class_names"]]
-            sized = "train_scale" in arrays
-            radii = np.concatenate([arrays["train_scale"], arrays["test_scale"]]) if sized else None
-        except KeyError as error:
-            raise DatasetError(f"{path} is not a ModelNet archive of this form: {error}") from error
+    try:
+        parts = [(arrays[f"{part}_points"], arrays[f"{part}_labels"]) for part in ("train", "test")]
+        names = [str(name) for name in arrays["class_names"]]
+        sized = "train_scale" in arrays
+        radii = np.concatenate([arrays["train_scale"], arrays["test_scale"]]) if sized else None
+    except KeyError as error:
+        raise DatasetError(f"{path} is not a ModelNet archive of this form: {error}") from error
     clouds = np.concatenate([points for points, _ in parts]).astype(np.float32)
     n = len(clouds)
     return CloudDataset(

@@ -237,6 +237,8 @@ def read_manifest(directory: str | os.PathLike[str], name: str = MANIFEST_NAME) 
     """
     path = Path(directory) / name
     if not path.is_file():
+        if not Path(directory).is_dir():
+            raise DatasetError(f"no data set in {directory}: there is no such folder")
         hint = ""
         if list(Path(directory).glob(MANIFEST_NAME.replace(".json", ".*of*.json"))):
             hint = "; jobs have made parts of it, which the same command without shard= merges"

@@ -73,15 +73,26 @@ def divide(
 def split_by_sample(
     dataset: Labelled, first_fraction: float, rng: np.random.Generator, among: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two sorted index arrays; `first_fraction` of each instance's samples (of each class's where it has one each).
+    """Two sorted index arrays; `first_fraction` of each instance's samples.
+
+    Instances of a single sample are taken together by class, and so is a class whose instances have too few for the
+    second part to get one; all samples, where classes have too few.
 
     `among` restricts both to these indices. Every instance may be on both sides: objects are seen, views are not.
     """
     among = np.arange(len(dataset.labels)) if among is None else among
-    strata = dataset.instances[among]
-    if len(np.unique(strata)) == len(strata):
-        strata = dataset.labels[among]
-    return _first_of_each(among, [among[strata == stratum] for stratum in np.unique(strata)], first_fraction, rng)
+    labels, instances = dataset.labels[among], dataset.instances[among]
+    _, place, counts = np.unique(instances, return_inverse=True, return_counts=True)
+    of_class = instances.max(initial=0) + 1 + labels
+    strata = np.where(counts[place.reshape(-1)] > 1, instances, of_class)
+    for label in np.unique(labels):
+        _, sizes = np.unique(strata[labels == label], return_counts=True)
+        if all(round(first_fraction * size) == size for size in sizes.tolist()):
+            strata[labels == label] = of_class[labels == label]
+    parts = [among[strata == stratum] for stratum in np.unique(strata)]
+    if all(round(first_fraction * len(part)) == len(part) for part in parts):
+        parts = [among]
+    return _first_of_each(among, parts, first_fraction, rng)
 
 
 def split_by_instance(

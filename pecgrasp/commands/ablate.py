@@ -3,14 +3,23 @@
 The same command skips the cells that are done. Hydra's launchers spread them: see conf/ablate.yaml.
 """
 
+import sys
+
 import hydra
 from omegaconf import DictConfig
+from omegaconf.errors import MissingMandatoryValue
 
+from pec.errors import ConfigError, DatasetError
 from pec.experiments.grid import run_cell
+from pecgrasp.own_clouds import with_own_clouds
 from pecgrasp.settings import CONF, plain
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="ablate")
 def main(cfg: DictConfig) -> None:
-    cell = run_cell(plain(cfg, complete=True))
+    try:
+        settings = with_own_clouds(plain(cfg, complete=True))
+    except (ConfigError, DatasetError, MissingMandatoryValue) as error:
+        sys.exit(f"pecgrasp ablate: {str(error).splitlines()[0]}")
+    cell = run_cell(settings)
     print(f"cell {cell['key']}: {cell['status']}" + (f", {cell['error']}" if cell["error"] else ""))

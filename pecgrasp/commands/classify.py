@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import hydra
+import numpy as np
 from omegaconf import DictConfig
 
 from grasping.cloud_files import read_cloud, valid_points
@@ -17,7 +18,8 @@ from pecgrasp.settings import CONF, file_as_override
 @hydra.main(version_base="1.3", config_path=CONF, config_name="classify")
 def classify(cfg: DictConfig) -> None:
     try:
-        prediction = Classifier.load(cfg.checkpoint).predict(valid_points(read_cloud(cfg.cloud)))
+        points = valid_points(read_cloud(cfg.cloud)) * np.float32(cfg.scale)
+        prediction = Classifier.load(cfg.checkpoint).predict(points)
     except (CheckpointError, CloudError, FileError, FileNotFoundError) as error:
         sys.exit(f"pecgrasp classify: {error}")
     print(f"{prediction.label}, confidence {100 * prediction.confidence:.2f} %")

@@ -1,5 +1,6 @@
 """Train a classifier: `pecgrasp train dataset.path=DIR`; settings and their meaning in conf/train.yaml."""
 
+import re
 import sys
 
 import hydra
@@ -7,15 +8,16 @@ from omegaconf import DictConfig
 
 from pec.errors import CheckpointError, ConfigError, DatasetError, TrainingError
 from pec.training.loop import train
+from pecgrasp.own_clouds import with_own_clouds
 from pecgrasp.settings import CONF, plain
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="train")
-def main(cfg: DictConfig) -> float:
+def training(cfg: DictConfig) -> float:
     settings = plain(cfg)
     del settings["name"]  # only names the output folder
     try:
-        results = train(settings)
+        results = train(with_own_clouds(settings))
     except (CheckpointError, ConfigError, DatasetError, TrainingError) as error:
         sys.exit(f"pecgrasp train: {error}")
     except KeyboardInterrupt:
@@ -31,3 +33,8 @@ def main(cfg: DictConfig) -> float:
         )
     print(f"checkpoint: {results['checkpoint']}")
     return results["best"]["test_accuracy"]
+
+
+def main() -> None:
+    sys.argv[1:] = [re.sub("^path=", "dataset.path=", word) for word in sys.argv[1:]]
+    training()

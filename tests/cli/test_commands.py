@@ -149,6 +149,18 @@ def test_benchmark_measures_the_part_that_is_asked_for(tmp_path):
 
 
 @pytest.mark.slow
+def test_evaluate_asks_for_a_classifier_in_one_line(tmp_path):
+    with pytest.raises(SystemExit, match=r"^pecgrasp evaluate: checkpoint=… must be given"):
+        run("evaluate", *ALONE, f"folder={tmp_path}")
+
+
+def test_evaluate_of_a_class_that_there_is_not_fails_and_says_so(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="pecgrasp evaluate: 1 cell stopped by an error"):
+        run("evaluate", *ALONE, "env.classes=[nonesuch]", "checkpoint=null", "episodes=1", f"folder={tmp_path}")
+    assert "unknown object class 'nonesuch'" in capsys.readouterr().out
+    assert "nonesuch" in results(tmp_path)["cells"][0]["error"]
+
+
 def test_evaluate_plays_an_episode_and_leaves_its_report(tmp_path, capsys):
     run("evaluate", *ALONE, "checkpoint=null", "episodes=1", "planner=centroid", f"folder={tmp_path}")
     assert "1 of 1 episodes" in capsys.readouterr().out

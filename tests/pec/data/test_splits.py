@@ -132,3 +132,27 @@ def test_training_tests_on_the_stored_split_whatever_its_seed(shapes, tmp_path):
             assert test.tolist() == stored.tolist()
             assert sorted([*training, *selection, *test]) == list(range(len(dataset)))
         assert parts[0][1].tolist() != parts[1][1].tolist()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(st.lists(st.integers(1, 4), min_size=1, max_size=6), min_size=1, max_size=4),
+    st.sampled_from([0.75, 0.9]),
+    st.integers(0, 99),
+)
+def test_split_by_sample_gives_the_second_part_something_of_each_class_that_has_enough(sizes, fraction, seed):
+    """Few samples of some instances, one of others: no class may lie on one side because of rounding."""
+    labels = [label for label, of_class in enumerate(sizes) for n in of_class for _ in range(n)]
+    counts = [n for of_class in sizes for n in of_class]
+    instances = np.repeat(np.arange(len(counts)), counts)
+    names = [f"class_{label}" for label in range(len(sizes))]
+    clouds = [np.zeros((1, 3), np.float32)] * len(labels)
+    dataset = CloudDataset(names, clouds, np.array(labels), instances, "")
+    first, second = split_by_sample(dataset, fraction, np.random.default_rng(seed))
+    assert sorted([*first, *second]) == list(range(len(labels)))
+    for label in range(len(sizes)):
+        n = int((dataset.labels == label).sum())
+        if round(fraction * n) < n:
+            assert label in dataset.labels[second]
+    if round(fraction * len(labels)) < len(labels):
+        assert len(second)

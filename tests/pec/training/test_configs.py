@@ -7,6 +7,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from pec.training.config import TrainConfig, read_config
+from pecgrasp.own_clouds import with_own_clouds
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -20,7 +21,7 @@ def _config(*overrides: str) -> TrainConfig:
         cfg = compose("train", ["dataset.path=somewhere", "name=a", *overrides])
     settings = OmegaConf.to_container(cfg, resolve=True)
     del settings["name"]
-    return read_config(settings)
+    return read_config(with_own_clouds(settings))  # which takes what is its own
 
 
 @pytest.mark.parametrize("group", ["dataset", "preprocess", "model", "protocol", "augment"])
