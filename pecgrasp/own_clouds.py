@@ -113,10 +113,10 @@ def _listed(folder: Path) -> tuple[list[_File], list[str], str]:
             f"{folder}: {', '.join(classes)} are no classes; put all into FOLDER/<class>: a run splits them itself"
         )
     files: list[_File] = []
-    others = Counter[str]()
+    others = Counter[str](f"{each.suffix} beside the classes" for each in folder.glob("*.*") if _is_cloud(each))
     for label, name in enumerate(classes):
         there = sorted(each for each in (folder / name).rglob("*") if each.is_file() and not each.name.startswith("."))
-        clouds = [each for each in there if each.suffix.lower() in SUFFIXES] or [
+        clouds = [each for each in there if _is_cloud(each)] or [
             each for each in there if each.suffix.lower() == ".txt"
         ]
         if not clouds:
@@ -128,7 +128,11 @@ def _listed(folder: Path) -> tuple[list[_File], list[str], str]:
     if not files:
         raise DatasetError(f"{folder} is no data set: {_LAYOUT}; or a folder that pecgrasp generate has written")
     left_out = ", ".join(f"{count} {kind}" for kind, count in sorted(others.items()))
-    return files, classes, left_out and f"left out: files that are no clouds, {left_out}"
+    return files, classes, left_out and f"left out: files, {left_out}"
+
+
+def _is_cloud(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES and path.is_file()
 
 
 def _say_what_is_there(path: Path, archive: Path, settings: dict[str, Any], say: Callable[[str], None]) -> None:

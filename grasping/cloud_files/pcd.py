@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.cloud_files.text import header_lines, numbers, unmarked, word_lines
+from grasping.cloud_files.text import check_whole, header_lines, line_count, numbers, unmarked, word_lines
 from grasping.errors import CloudError
 
 _CODES = {"F": "f", "I": "i", "U": "u"}
@@ -46,6 +46,10 @@ def read_pcd(data: bytes) -> NDArray:
     if kind == ["ascii"]:
         table = _table(body, n, sum(counts), " ".join(header["FIELDS"]), first_line)
         points = table[:, [sum(counts[:k]) for k in axes]]
+        if line_count(body) != n:
+            for k, (letter, size) in enumerate(zip(types, sizes, strict=True)):
+                if letter != "F" and counts[k] == 1:
+                    check_whole(table[:, sum(counts[:k])], fields[k], _CODES[letter] + str(size))
     elif kind == ["binary"]:
         _check_length(body, n * sum(widths))
         # Older versions of the library stretched their files by a page of zeros.

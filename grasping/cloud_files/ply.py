@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.cloud_files.text import header_lines, numbers, unmarked, word_lines
+from grasping.cloud_files.text import check_whole, header_lines, line_count, numbers, unmarked, word_lines
 from grasping.errors import CloudError
 
 _TYPES = {
@@ -117,15 +117,15 @@ def _property(words: list[str], order: str) -> _Property | None:
 def _from_text(body: bytes, elements: list[_Element], at: int, first_line: int) -> NDArray:
     """A row may go on over several lines, as those of some viewers do: numbers are counted, and all must be there."""
     values = numbers(body, first_line)
-    if any(element.has_lists for element in elements):
-        # Where a line is a row each, one that is too short shall not borrow from the lists behind.
-        n_lines = sum(1 for line in body.splitlines() if line.strip())
-        if n_lines == sum(element.count for element in elements):
-            _blame_line(body, elements, first_line)
+    line_a_row = line_count(body) == sum(element.count for element in elements)
+    if line_a_row and any(element.has_lists for element in elements):
+        # One that is too short shall not borrow from the lists behind.
+        _blame_line(body, elements, first_line)
     offset = 0
     points = np.empty((0, 3))
     for number, element in enumerate(elements):
         if number == at:
+            start = offset
             points, offset = _text_rows(values, offset, element)
         else:
             offset = _text_end(values, offset, element)
@@ -134,6 +134,12 @@ def _from_text(body: bytes, elements: list[_Element], at: int, first_line: int) 
     if offset != len(values):
         _blame_line(body, elements, first_line)
         raise CloudError(f"its header promises {offset} numbers or more, and {len(values)} follow")
+    vertex = elements[at]
+    if not line_a_row and not vertex.has_lists:
+        width = len(vertex.properties)
+        for k, each in enumerate(vertex.properties):
+            if each.code.kind != "f":
+                check_whole(values[start + k : start + vertex.count * width : width], each.name, each.code.str)
     return points
 
 

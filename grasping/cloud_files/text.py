@@ -87,6 +87,22 @@ def check_number(word: str, where: str) -> None:
     raise CloudError(f"{where}: {word[:40]!r} is not a number{way_out(word)}")
 
 
+def check_whole(column: NDArray[np.float64], name: str, code: str) -> None:
+    """Raises CloudError where a field of this whole type holds something else: rows are not what the header says."""
+    limits = np.iinfo(code)
+    wrong = np.flatnonzero((column != np.floor(column)) | (column < limits.min) | (column > limits.max))
+    if len(wrong):
+        raise CloudError(
+            f"point {wrong[0]} would have {name} = {column[wrong[0]]:g}, which is no {limits.dtype}: the numbers are "
+            "not those that the header promises"
+        )
+
+
+def line_count(body: bytes) -> int:
+    """How many lines are not blank."""
+    return sum(1 for line in body.splitlines() if line.strip())
+
+
 def has_comma(word: str) -> bool:
     """Whether a word is a number with a decimal comma, or with commas between its thousands."""
     return bool(_DECIMAL_COMMA.fullmatch(word) or _GROUPED.fullmatch(word))

@@ -100,11 +100,12 @@ def test_what_is_left_out_is_said(folder, tmp_path):
     torn[3] = np.nan
     save(folder / "rod" / "0.npy", torn)
     (folder / "rod" / "0.jpg").touch()
+    save(folder / "scene.ply", torn)
     (folder / "rod" / "notes.txt").write_text("not a cloud")
     save(folder / "rod" / "9.npy", torn[:20])
     said: list[str] = []
     with_own_clouds({**settings(folder, tmp_path), "preprocess": {"n_points": 64}}, said.append)
-    assert "left out: files that are no clouds, 1 .jpg, 1 .txt" in said
+    assert "left out: files, 1 .jpg, 1 .ply beside the classes, 1 .txt" in said
     where = f"files: 2, first {folder / 'rod' / '0.npy'}"
     assert f"left out: 2 points that are not finite or are 0, 0, 0; {where}" in said
     assert "left out: 1 clouds of fewer than 64 points" in said

@@ -75,6 +75,16 @@ def test_a_text_ply_that_is_not_as_its_header_says_is_refused(tmp_path: Path, te
         read(tmp_path, "a.ply", text)
 
 
+def test_points_are_not_taken_for_the_colours_of_others(tmp_path: Path) -> None:
+    """As many numbers as the header promises, in rows of three where it says six."""
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in np.vstack([POINTS, POINTS[::-1]]).tolist())
+    with pytest.raises(CloudError, match=r"point 0 would have red = 1.5, which is no uint8"):
+        read(tmp_path, "a.ply", PLY.format("") + rows)
+    pcd = PCD.format("a b c", "F F F U", 1, 3, 1).replace("4\nTYPE F F F U\nCOUNT 1 1 1 1", "4 1 1\nTYPE F F F U U U")
+    with pytest.raises(CloudError, match=r"point 0 would have a = 1.5, which is no uint32"):
+        read(tmp_path, "a.pcd", pcd.replace("COUNT 1 1 1 1\n", "") + rows)
+
+
 def test_a_binary_body_that_is_longer_than_its_header_says_is_refused(tmp_path: Path) -> None:
     rows = np.column_stack([POINTS, POINTS]).astype("<f4").tobytes()
     ply = PLY.format("").replace("ascii", "binary_little_endian").replace("property uchar red\n", "")
