@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasping import ROBOTIQ_2F_140
+from grasping import ROBOTIQ_2F_140, CloudError
+from grasping.cloud_files.depth_frame import checked_intrinsics
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
+_FARTHEST_M = 20.0  # half of a frame is never as far from a table
 _OPENING_SLACK_M = 0.002  # a measured opening may lie a little outside of the stroke
 
 
@@ -102,10 +104,20 @@ def observation_of_frame(
 
     Raises ObservationError that names what is wrong.
     """
+    if not isinstance(intrinsics, CameraIntrinsics):
+        raise ObservationError(
+            f"intrinsics must be CameraIntrinsics(width, height, fx, fy, cx, cy), got {intrinsics!r}"
+        )
     depth = np.nan_to_num(np.asarray(depth, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     expected = (intrinsics.height, intrinsics.width)
     if depth.shape != expected:
         raise ObservationError(f"depth has shape {depth.shape}; the intrinsics are of a frame {expected}")
+    try:
+        checked_intrinsics(intrinsics.matrix, depth.shape, "intrinsics")
+    except CloudError as error:
+        raise ObservationError(str(error)) from error
+    if (depth > 0).any() and (middle := float(np.median(depth[depth > 0]))) > _FARTHEST_M:
+        raise ObservationError(f"depth: half of it is beyond {middle:.4g} m; give metres, not millimetres")
     T = np.asarray(T_base_camera, float)
     if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3:
         raise ObservationError(f"T_base_camera must be a rigid transform (4, 4), got {T.tolist()}")

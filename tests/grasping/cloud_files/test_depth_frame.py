@@ -69,6 +69,7 @@ def test_a_pixel_lies_on_its_ray_at_its_depth(tmp_path: Path, arrays: dict, scal
         ({"depth_scale": 1000.0}, "'depth_scale': 1000 is not the metres .* 0.001 for millimetres"),
         ({"depth_scale": 1.0}, "'depth_scale': 1 is not the metres in a unit of uint16"),
         ({"depth_scale": np.ones((2, 2))}, r"'depth_scale': shape \(2, 2\)"),
+        ({"depth": DEPTH.astype(np.uint8)}, "'depth': uint8 has too few steps"),
         ({"depth": np.zeros((5, 60, 80))}, r"shape \(5, 60, 80\).*save one frame"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +106,10 @@ def test_without_a_classifier_it_is_the_largest_thing():
     ("change", "words"),
     [
         ({"depth": SCENE[:100]}, "depth has shape"),
+        ({"depth": 1000 * SCENE}, "give metres, not millimetres"),
+        ({"intrinsics": INTRINSICS.matrix}, "must be CameraIntrinsics"),
+        ({"intrinsics": replace(INTRINSICS, fx=1.88, fy=1.88)}, "focal lengths 1.88 and 1.88 are not plausible"),
+        ({"intrinsics": replace(D435["848x480"], width=424, height=240)}, "centre 424, 240 is far from the middle"),
         ({"T_base_camera": np.eye(3)}, "T_base_camera"),
         ({"T_base_camera": 2 * np.eye(4)}, "T_base_camera"),
         ({"q": np.zeros(7)}, "q must be six"),
