@@ -13,7 +13,8 @@ from grasping.errors import CloudError, ConfigError, require_between
 from grasping.fusion.icp import Alignment, Surface, align, moved
 from grasping.geometry.voxel_grid import cube_means, cubes
 from grasping.segmentation.frame import Frame
-from grasping.segmentation.table_plane import LEAST_SHARE, SAMPLED, Plane, find_table, refine
+from grasping.segmentation.planes import Plane, refine
+from grasping.segmentation.table_plane import LEAST_SHARE, SAMPLED, find_table
 from grasping.validation import FARTHEST, LARGEST_OBJECT, plane_equation
 
 FloatArray = NDArray[np.float64]
@@ -186,7 +187,7 @@ def _table_of(frame: Frame, plane: FloatArray | str, T: FloatArray) -> Plane | s
     """The table in a view's own frame, measured in that view where it shows enough of it."""
     sample = frame.sample(SAMPLED, np.random.default_rng(0))
     if isinstance(plane, str):
-        return find_table(sample, None, np.random.default_rng(0), coarse=TABLE_BAND[1], band=TABLE_BAND)
+        return find_table(sample, None, np.random.default_rng(0), coarse=TABLE_BAND[1], band=TABLE_BAND).table
     own = np.append(plane[:3] @ T[:3, :3], plane[:3] @ T[:3, 3] + plane[3])
     measured = refine(sample, own, TABLE_NEAR, TABLE_BAND)
     members = np.abs(measured.distances(sample)) <= measured.band

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -13,13 +14,16 @@ from grasping.errors import CloudError
 from grasping.segmentation.edge_of_view import EdgeOfView
 from grasping.segmentation.flying_pixels import edge_owners, ramps, single_pixels
 from grasping.segmentation.lines_of_sight import LinesOfSight
+from grasping.segmentation.planes import Plane
 from grasping.segmentation.scene import Rejected, Scene
+from grasping.segmentation.table_plane import SAMPLED, View, find_table
 from grasping.validation import position
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 GRIPPER_CONTACT = 0.01  # m
+USUAL = 0.7  # of the way to a loose cloud's middle goes along its z axis, where that is a camera's frame
 LOWEST_CAMERA = 0.05  # m above the table
 
 
@@ -48,6 +52,7 @@ class Frame:
             nearest = f"; the nearest is {math.sqrt(beyond.min()):.4g} m away" if len(beyond) else ""
             raise CloudError(f"cloud: none of {len(self.points)} points is valid and {where} from its origin{nearest}")
         self.rejected: list[Rejected] = []
+        self.other_planes: list[FloatArray] = []
         self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
         holes = int(np.count_nonzero(self._holes))
         self.reject("points", "no depth", holes)
@@ -105,6 +110,46 @@ class Frame:
         lines = LinesOfSight(self.points, self.valid, self.shape, self._origin)
         return lines if lines.fits else None
 
+    def find_table(
+        self, up: FloatArray | None, rng: np.random.Generator, coarse: float, band: tuple[float, float]
+    ) -> Plane | str:
+        """The table, or why there is none; what other planes there are is noted."""
+        sample = self.sample(SAMPLED, rng)
+        found = find_table(
+            sample - self._origin,
+            up,
+            rng,
+            coarse=coarse,
+            band=band,
+            view=self._view(sample),
+            seen_from_origin=self.sight is not None or self._viewpoint is not None,
+        )
+        for other in found.others:
+            self.reject("plane", other.where, round(other.share * self.count))
+            self.other_planes.append(self._back(other.plane).equation)
+        if isinstance(found.table, str):
+            self.rejected.insert(0, Rejected("plane", found.table, self.count))
+            return found.table
+        return self._back(found.table)
+
+    def _back(self, plane: Plane) -> Plane:
+        """A plane of the frame that has the viewpoint as its origin, in the cloud's own."""
+        n, d = plane.equation[:3], plane.equation[3]
+        return replace(plane, equation=np.append(n, d - n @ self._origin))
+
+    def _view(self, sample: FloatArray) -> View | None:
+        """How the camera looks: as the pixels say, or a camera's frame as it is usual; None in another frame."""
+        if self.sight is not None:
+            return View(*self.sight.axes)
+        if self.shape is not None:
+            return None
+        middle = sample.mean(axis=0)
+        ahead = float(middle[2]) / max(float(np.linalg.norm(middle)), 1e-9)
+        if abs(ahead) < USUAL:
+            return None
+        side = np.sign(ahead)  # x right, y down, z forward; or x right, y up, z backward
+        return View(np.array([0.0, side, 0.0]), np.array([0.0, 0.0, side]))
+
     def area(self, index: IntArray, pitch: float) -> float:
         """How large what these points show is across the line of sight, m². pitch: m between points of the table."""
         if self.sight is None:
@@ -145,6 +190,7 @@ class Frame:
             n_table=n_table,
             viewpoint=viewpoint,
             unseen=unseen,
+            other_planes=self.other_planes,
         )
 
     def _seen_from(

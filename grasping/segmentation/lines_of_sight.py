@@ -59,6 +59,14 @@ class LinesOfSight:
         one, other = self.directions(np.array([middle, middle - 1]))
         self.pixel = float(np.linalg.norm(one - other))
 
+    @property
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """Where the image's lower edge and its middle are, (3,) each, of length one and across each other."""
+        column = self.shape[1] // 2
+        top, bottom = self.directions(np.array([column, (self.shape[0] - 1) * self.shape[1] + column]))
+        forward = (top + bottom) / np.linalg.norm(top + bottom)
+        return (bottom - top) / np.linalg.norm(bottom - top), forward
+
     def directions(self, index: IntArray) -> FloatArray:
         """(M, 3) of length one: along these pixels' lines, away from the viewpoint."""
         lines = self._pixels(index) @ self._A.T

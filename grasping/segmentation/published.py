@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 from grasping.errors import ConfigError
 from grasping.geometry.clustering import by_label, voxel_clusters
 from grasping.segmentation.frame import Frame
-from grasping.segmentation.scene import Rejected, Scene
-from grasping.segmentation.table_plane import SAMPLED, find_table
+from grasping.segmentation.scene import Scene
 from grasping.validation import as_cloud, unit_vector
 
 FloatArray = NDArray[np.float64]
@@ -62,10 +61,9 @@ class PublishedSegmenter:
         hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)
         band = (0.999 * self.plane_distance, self.plane_distance)
-        plane = find_table(frame.sample(SAMPLED, rng), up_vector, rng, coarse=self.plane_distance, band=band)
+        plane = frame.find_table(up_vector, rng, self.plane_distance, band)
         n_table = 0
         if isinstance(plane, str):
-            frame.rejected.insert(0, Rejected("plane", plane, frame.count))
             chosen = np.flatnonzero(frame.valid)
         else:
             height = frame.heights(plane.equation)

@@ -30,7 +30,8 @@ class Scene:
     of it that a gripper could hit. Every point of the input is in an object, in the table, or counted in `rejected` as
     "points" or "cluster". viewpoint: (3,) where the camera stood, in the frame of the input, or None where that is not
     known. unseen: for each object (K, 3), the far ends, on the table where there is one, of the lines of sight on which
-    the sensor measured nothing in the object or beside it; (0, 3) for a loose cloud.
+    the sensor measured nothing in the object or beside it; (0, 3) for a loose cloud. other_planes: (4,) each, the
+    largest first: a floor, a wall, a box's side; where they are stands in `rejected`.
     """
 
     objects: list[FloatArray]
@@ -43,6 +44,7 @@ class Scene:
     n_table: int = 0
     viewpoint: FloatArray | None = None
     unseen: list[FloatArray] = field(default_factory=list)
+    other_planes: list[FloatArray] = field(default_factory=list)
 
     def summary(self) -> str:
         """What was rejected, in a sentence."""

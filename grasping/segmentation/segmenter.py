@@ -11,12 +11,12 @@ from grasping.errors import ConfigError, require_between
 from grasping.geometry.clustering import by_label, voxel_clusters
 from grasping.segmentation.footprints import convex_outline, label_footprints, spacing
 from grasping.segmentation.frame import Frame
+from grasping.segmentation.planes import basis, fit_all
 from grasping.segmentation.published import PublishedSegmenter
 from grasping.segmentation.rims import join_walls
 from grasping.segmentation.saddles import parts_above_saddles
 from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_gaps import parts_by_table
-from grasping.segmentation.table_plane import SAMPLED, basis, find_table, fit_all
 from grasping.validation import FARTHEST, as_cloud, unit_vector
 
 FloatArray = NDArray[np.float64]
@@ -107,10 +107,9 @@ class Segmenter:
         up_vector = None if up is None else unit_vector(up, name="up")
         hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)
-        sample = frame.sample(SAMPLED, rng)
-        plane = find_table(sample, up_vector, rng, coarse=self.plane_distance, band=self.plane_band)
+        plane = frame.find_table(up_vector, rng, self.plane_distance, self.plane_band)
         if isinstance(plane, str):
-            return self._without_table(frame, plane, hand)
+            return self._without_table(frame, hand)
         height = frame.heights(plane.equation)
         plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
         height = frame.heights(plane.equation)
@@ -129,8 +128,7 @@ class Segmenter:
         kept, obstacles = self._sort(frame, chosen, labels, on_table)
         return frame.scene(plane.equation, frame.with_edges(kept, on_ramps), obstacles, hand, len(table))
 
-    def _without_table(self, frame: Frame, why: str, hand: FloatArray | None) -> Scene:
-        frame.rejected.insert(0, Rejected("plane", why, frame.count))
+    def _without_table(self, frame: Frame, hand: FloatArray | None) -> Scene:
         chosen, on_ramps = frame.without_flying(np.flatnonzero(frame.valid))
         labels = voxel_clusters(frame.points.take(chosen, axis=0).astype(np.float64), self.gap)
         kept, obstacles = self._sort(frame, chosen, labels, None)

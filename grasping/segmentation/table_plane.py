@@ -1,35 +1,59 @@
-"""Find the table: RANSAC on a thinned cloud, refined on all inliers, refused where it cannot be a table."""
+"""Which of a cloud's planes is the table: they are judged together, and refused where none can be one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.segmentation.footprints import convex_outline
+from grasping.segmentation.planes import MOST_TILT, Plane, basis, find_planes
+
 FloatArray = NDArray[np.float64]
 
-# Small enough that the matrix library keeps them on one thread: on a busy machine more of them cost far more time.
-HYPOTHESES, TESTED = 128, 640  # planes drawn, and points that each is tested on
-LEVEL = 32  # more of them, level with a known `up` and through one point
 SAMPLED = 3000  # points that suffice for finding the table; the last fit is on all of its points
-MOST_TILT = np.radians(20)  # of the table against a known `up`
-LEAST_SHARE = 0.15  # of the points in range that a table holds
+LEAST_SHARE = 0.15  # of the points in range, or of the middle of the view, that a table holds
 LEAST_EXTENT = 0.20  # m, in both directions: less is the face of a box
 ANOTHER_FLOOR = 0.2  # m: levels nearer than this are a table and what stands on it, the farther are a table and a floor
+FLOOR = 0.2  # of its size counts where a level stands over it: under a table there is a floor
+PARALLEL = np.radians(12)  # within which planes are level among themselves
+WALL = np.radians(45)  # against a plane that is more likely level
+FLATTER = np.radians(8)  # so much less it is turned against what a camera that is held upright sees of a floor
+MIDDLE = 0.35  # rad from the view's centre, within which points count more
+STANDING = 0.30  # m above a plane, within which things stand on it
+WRONG_SIDE = 3.0  # times as many points within the outline under a plane as over it: it is seen from below
+LEAST_UNDER = 0.005  # of the points, at least
 
 
 @dataclass(frozen=True)
-class Plane:
-    """n·p + d = 0. band: distance (m) within which a point belongs to the plane; residual: robust σ of those, m."""
+class View:
+    """Of an upright camera at the cloud's origin: where its image's lower edge and its middle are, (3,) each."""
 
-    equation: FloatArray  # (4,), n of length one
-    band: float
-    residual: float
+    down: FloatArray
+    forward: FloatArray
 
-    def distances(self, points: NDArray) -> FloatArray:
-        """Signed distance (N,) of points (N, 3), m, positive above."""
-        return points @ self.equation[:3] + self.equation[3]
+
+@dataclass(frozen=True)
+class Found:
+    """table: the plane, its normal turned up, or a sentence on why none is one. others: what else there is, the largest
+    first.
+    """
+
+    table: Plane | str
+    others: list[OtherPlane]
+
+
+@dataclass(frozen=True)
+class OtherPlane:
+    """A plane that is not the table, its normal on the table's side; the share of the points that it holds, and what it
+    is to the table.
+    """
+
+    plane: Plane
+    share: float
+    where: str
 
 
 def find_table(
@@ -39,94 +63,152 @@ def find_table(
     *,
     coarse: float,
     band: tuple[float, float],
-) -> Plane | str:
-    """The table in a cloud (N, 3), its normal turned up; or a sentence on why the plane that was found is none.
+    view: View | None = None,
+    seen_from_origin: bool = False,
+) -> Found:
+    """The table in a cloud (N, 3) and the planes beside it.
 
     coarse: RANSAC's inlier distance. band: least and greatest inlier distance after the refinement, in which it is
     three times the measured residual. Without `up` the normal is turned towards the frame's origin, where the camera
-    is, or, for a plane that runs through the origin (a world frame), to the side on which more points lie.
+    is, unless that is not sure and things stand on the other side; or, for a plane that runs through the origin (a
+    world frame), to the side on which more points lie. view: without `up`, says which planes are walls.
+    seen_from_origin: the camera surely stands there.
+
+    Of planes across each other the one that is more likely level is the table; of levels the highest that is large for
+    what it is, at the view's centre, with things on it; of levels less than 0.2 m apart the lowest, on which the others
+    stand.
     """
     if len(points) < 50:
-        return f"only {len(points)} points in range"
-    equation = _ransac(points, up, rng, coarse)
-    if equation is None:
-        return "no plane is level enough to be a table"
-    plane = _upwards(refine(points, equation, coarse, band), points, up)
-    plane = _other_level(points, plane, coarse, band) or plane
-    inliers = points[np.abs(plane.distances(points)) <= plane.band]
-    if len(inliers) < LEAST_SHARE * len(points):
-        return f"the largest plane holds only {100 * len(inliers) / len(points):.0f} % of the points"
-    if up is not None and plane.equation[:3] @ up < np.cos(MOST_TILT):
-        tilt = np.degrees(np.arccos(np.clip(plane.equation[:3] @ up, -1, 1)))
-        return f"the largest plane is tilted by {tilt:.0f}° against up"
-    if (wide := _width(inliers)) < LEAST_EXTENT:
-        return f"the largest plane is only {wide * 100:.0f} cm wide"
-    return plane
+        return Found(f"only {len(points)} points in range", [])
+    planes = find_planes(points, up, rng, coarse, band)
+    if not planes:
+        return Found("no plane is level enough to be a table", [])
+    weights = np.ones(len(points)) if view is None else _weights(points, view)
+    candidates = [_Candidate(_upwards(plane, points, up), points, weights) for plane in planes]
+    walls = [] if up is not None or view is None else _walls(candidates, view)
+    upright = sum(each.share for each in walls), sum(each.weight for each in walls)
+    left = [each for each in candidates if not any(each is wall for wall in walls)]
+    eligible = [each for each in left if each.refusal(up, *upright) is None]
+    if not eligible:
+        return Found(
+            left[0].refusal(up, *upright) or "", _others([each for each in candidates if each is not left[0]], left[0])
+        )
+    table = _highest(_level(eligible))
+    if up is None and not seen_from_origin and table.plane.equation[3] > 0.1:
+        over, under = over_outline(table.plane, points, table.members)
+        if under > max(WRONG_SIDE * over, LEAST_UNDER):
+            table.plane, table.normal = table.plane.turned(), -table.normal
+    return Found(table.plane, _others([each for each in candidates if each is not table], table))
 
 
-def fit_all(plane: Plane, inliers: NDArray) -> Plane:
-    """The plane by least squares on all of its inliers (M, 3), whose number may be hundreds of thousands."""
-    if len(inliers) < 10:
-        return plane
-    # The sums run in the points' own type: about the middle, float32 leaves an error of 1e-5 rad.
-    columns = np.ascontiguousarray(inliers.T)
-    mean = columns.mean(axis=1, keepdims=True)
-    columns -= mean
-    scatter = np.array([[np.einsum("i,i->", a, b) for a in columns] for b in columns], dtype=np.float64)
-    return Plane(_normal_form(scatter, mean[:, 0].astype(np.float64), plane.equation), plane.band, plane.residual)
+class _Candidate:
+    def __init__(self, plane: Plane, points: FloatArray, weights: FloatArray) -> None:
+        self.plane, self.points = plane, points
+        self.normal = plane.equation[:3]
+        self.distance = plane.distances(points)
+        inside = np.abs(self.distance) <= plane.band
+        self.members = points[inside]
+        self.share = len(self.members) / len(points)
+        self.weight = float(weights[inside].sum() / weights.sum())
+        self.middle = self.members.mean(axis=0) if len(self.members) else np.zeros(3)
 
-
-def basis(normal: FloatArray) -> FloatArray:
-    """(3, 2) orthonormal directions in the plane with this normal."""
-    seed = np.eye(3)[int(np.abs(normal).argmin())]
-    first = np.cross(normal, seed)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first)])
-
-
-def _ransac(points: FloatArray, up: FloatArray | None, rng: np.random.Generator, coarse: float) -> FloatArray | None:
-    corners = points[rng.integers(0, len(points), size=(HYPOTHESES, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    usable = lengths > 1e-6  # three points on a line span no plane
-    if up is not None:
-        usable &= np.abs(normals @ up) > np.cos(MOST_TILT) * lengths
-    normals = normals[usable] / lengths[usable, None]
-    through = corners[usable, 0]
-    if up is not None:  # three points of a table that is a sixth of the view are drawn once in 200 times, one often
-        through = np.vstack([through, corners[:LEVEL, 1]])
-        normals = np.vstack([normals, np.tile(up, (LEVEL, 1))])
-    if not len(normals):
+    def refusal(self, up: FloatArray | None, walls: float = 0.0, weight_of_walls: float = 0.0) -> str | None:
+        """Why this can be no table. walls: the share of the points on walls, and of their weights."""
+        if max(self.share / (1.0 - walls + 1e-9), self.weight / (1.0 - weight_of_walls + 1e-9)) < LEAST_SHARE:
+            return f"the largest plane holds only {100 * self.share:.0f} % of the points"
+        if up is not None and self.normal @ up < np.cos(MOST_TILT):
+            tilt = np.degrees(np.arccos(np.clip(self.normal @ up, -1, 1)))
+            return f"the largest plane is tilted by {tilt:.0f}° against up"
+        if (wide := _width(self.members)) < LEAST_EXTENT:
+            return f"the largest plane is only {wide * 100:.0f} cm wide"
         return None
-    offsets = -(normals * through).sum(axis=1)
-    tested = points if len(points) <= TESTED else points[rng.integers(0, len(points), size=TESTED)]
-    inside = np.abs(normals @ tested.T + offsets[:, None]) < coarse
-    best = int(np.count_nonzero(inside, axis=1).argmax())
-    return np.append(normals[best], offsets[best])
+
+    @cached_property
+    def standing(self) -> float:
+        """The share of the points that stand on it."""
+        return over_outline(self.plane, self.points, self.members)[0]
 
 
-def refine(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[float, float]) -> Plane:
-    """Least squares on the inliers, whose band shrinks to three times their residual."""
-    width, residual = coarse, coarse
-    for _ in range(5):
-        inliers = points[np.abs(points @ equation[:3] + equation[3]) <= width]
-        if len(inliers) < 10:
-            break
-        mean = inliers.mean(axis=0)
-        centred = inliers - mean
-        equation = _normal_form(centred.T @ centred, mean, equation)
-        residual = 1.4826 * float(np.median(np.abs(centred @ equation[:3])))
-        last, width = width, float(np.clip(3.0 * residual, *band))
-        if abs(last - width) < 0.02 * width:
-            break
-    return Plane(equation, width, residual)
+def over_outline(plane: Plane, points: FloatArray, members: FloatArray) -> tuple[float, float]:
+    """The shares of the points that are over and under what is seen of a plane, no farther than things stand on it."""
+    level = basis(plane.equation[:3])
+    outline = convex_outline(members @ level)
+    distance = plane.distances(points)
+    near = np.flatnonzero((np.abs(distance) > 2 * plane.band) & (np.abs(distance) < STANDING))
+    if outline is None or not len(near):
+        return 0.0, 0.0
+    within = (points[near] @ level @ outline[:, :2].T + outline[:, 2] < 0).all(axis=1)
+    over = int(np.count_nonzero(within & (distance[near] > 0)))
+    return over / len(points), (int(np.count_nonzero(within)) - over) / len(points)
 
 
-def _normal_form(scatter: FloatArray, mean: FloatArray, like: FloatArray) -> FloatArray:
-    """(4,) the plane of points with this scatter matrix about their mean, on the side of the one that it is like."""
-    _, vectors = np.linalg.eigh(scatter)
-    normal = vectors[:, 0] * np.sign(vectors[:, 0] @ like[:3] or 1.0)
-    return np.append(normal, -normal @ mean)
+def _walls(candidates: list[_Candidate], view: View) -> list[_Candidate]:
+    """Those that stand across one that is more likely level."""
+    wide = [each for each in candidates if _width(each.members) >= LEAST_EXTENT and each.plane.equation[3] > 0.1]
+    turned = [_turned(each.normal, view) for each in wide]
+    return [
+        each
+        for each, own in zip(wide, turned, strict=True)
+        if any(
+            own > less + FLATTER and each.normal @ other.normal < np.cos(WALL)
+            for other, less in zip(wide, turned, strict=True)
+        )
+    ]
+
+
+def _level(eligible: list[_Candidate]) -> list[_Candidate]:
+    """Those that are level among themselves."""
+    groups = [[other for other in eligible if other.normal @ each.normal > np.cos(PARALLEL)] for each in eligible]
+    return max(groups, key=lambda group: sum(each.weight for each in group))
+
+
+def _turned(normal: FloatArray, view: View) -> float:
+    """By how much a plane is turned (rad) against any that is level for a camera held upright, whatever its pitch."""
+    sideways = np.cross(view.down, view.forward)
+    x, y, z = float(normal @ sideways), float(normal @ view.down), float(normal @ view.forward)
+    if y <= 0 and z <= 0:
+        return float(np.arcsin(min(abs(x), 1.0)))
+    return float(np.arccos(np.clip(-z if y > 0 else -y, -1, 1)))
+
+
+def _highest(level: list[_Candidate]) -> _Candidate:
+    """Of levels one above the other the table."""
+    if len(level) == 1:
+        return level[0]
+    upward = max(level, key=lambda each: each.weight).normal
+    level = sorted(level, key=lambda each: float(each.middle @ upward))
+    heights = [float(each.middle @ upward) for each in level]
+    best, most = level[0], -1.0
+    for i, each in enumerate(level):
+        stands_on_another = i > 0 and heights[i] - heights[i - 1] < ANOTHER_FLOOR
+        if stands_on_another:
+            continue
+        size = each.weight * (1.0 + min(1.0, 5.0 * each.standing))
+        # What stands on it less than 0.2 m high is no level of its own, and chains of such are not either.
+        above = [heights[k] - heights[k - 1] >= ANOTHER_FLOOR for k in range(i + 1, len(level))]
+        size *= FLOOR if any(above) else 1.0
+        if size > most:
+            best, most = each, size
+    return best
+
+
+def _weights(points: FloatArray, view: View) -> FloatArray:
+    """(N,) of points by their nearness to the view's centre, from 0.3 to 1.3."""
+    cosine = points @ view.forward / np.maximum(np.linalg.norm(points, axis=1), 1e-9)
+    return np.asarray(0.3 + np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / MIDDLE) ** 2)))
+
+
+def _others(candidates: list[_Candidate], table: _Candidate) -> list[OtherPlane]:
+    found = []
+    for each in sorted(candidates, key=lambda each: -each.share):
+        cosine = float(each.normal @ table.normal)
+        angle = float(np.degrees(np.arccos(min(abs(cosine), 1.0))))
+        height = float(table.plane.distances(each.middle[None])[0])
+        where = f"turned by {angle:.0f}° against the table"
+        if abs(cosine) > np.cos(MOST_TILT):
+            where = f"{abs(height):.2f} m {'above' if height > 0 else 'below'} the table, {where}"
+        found.append(OtherPlane(each.plane if cosine >= 0 else each.plane.turned(), each.share, where))
+    return found
 
 
 def _width(inliers: FloatArray) -> float:
@@ -142,28 +224,4 @@ def _upwards(plane: Plane, points: FloatArray, up: FloatArray | None) -> Plane:
         side = float(plane.equation[3])
     else:
         side = float((distance > plane.band).sum()) - float((distance < -plane.band).sum())
-    return plane if side >= 0 else Plane(-plane.equation, plane.band, plane.residual)
-
-
-def _other_level(points: FloatArray, plane: Plane, coarse: float, band: tuple[float, float]) -> Plane | None:
-    """The parallel plane that is the table instead of this one, if there is one.
-
-    A level far above that is large enough: then the plane was the floor. Or one a little below: then the plane was the
-    lid of a box that stands on the table and fills more of the view than it.
-    """
-    distance = plane.distances(points)
-    far = max(ANOTHER_FLOOR, 3 * coarse)
-    for chosen in (distance[distance > far], distance[(distance < -3 * coarse) & (distance > -far)]):
-        if len(chosen) < LEAST_SHARE * len(points):
-            continue
-        edges = np.arange(float(chosen.min()), float(chosen.max()) + 2 * coarse, coarse)
-        counts, _ = np.histogram(chosen, bins=edges)
-        pairs = counts[:-1] + counts[1:] if len(counts) > 1 else counts
-        best = int(pairs.argmax())
-        if pairs[best] < LEAST_SHARE * len(points):
-            continue
-        level = refine(points, plane.equation - np.array([0.0, 0.0, 0.0, edges[best + 1]]), coarse, band)
-        members = points[np.abs(level.distances(points)) <= level.band]
-        if len(members) >= LEAST_SHARE * len(points) and _width(members) >= LEAST_EXTENT:
-            return level
-    return None
+    return plane if side >= 0 else plane.turned()
