@@ -44,6 +44,10 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PALM_CLEARANCE = 0.01  # m above whatever is under the palm
+# At what is low the tips go nearer to the table, in proportion: 4 mm above it they pass over the widest part of an 8 mm
+# rod. Shares of the height above which half of the surface lies: an allen key is low although its short leg stands up.
+TIP_SHARE, OVERLAP_SHARE = 0.2, 0.5
+LEAST_TIP_CLEARANCE = 0.001  # m; a fitted table is off by a tenth of that in simulation
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
 
 
@@ -51,7 +55,8 @@ class CurvaturePlanner:
     """Plan grasps for a two-finger gripper on the cloud of one object.
 
     side_clearance: free space between an open pad and the object on the way in, m.
-    tip_clearance: the tips stay this far above a known table, m.
+    tip_clearance: the tips stay this far above a known table, m; at what is lower than 20 mm a fifth of its height, but
+        no less than 1 mm. The hand must keep them there while it closes (`Gripper.pad_depth`).
     stroke_margin: the opening at contact stays this far below the stroke, m.
     friction: coefficient between pad and object; contacts outside its cone slip.
     headings: number of closing directions that the scan tries over half a turn; candidates are then turned freely.
@@ -176,12 +181,16 @@ class CurvaturePlanner:
 
     def _plan_view(self, view: ApproachView) -> tuple[Ranked | None, Candidates | None, str]:
         """What holds along one approach; the coarse candidates; why there is none."""
-        rules = self._rules_tilted if view.tilt else self._rules
         top = float(view.points[2, -1])
-        lowest = max(view.floor + self.tip_clearance, top - self._reach)
+        typical = float(view.points[2, view.points.shape[1] // 2]) - view.floor
+        clearance = min(self.tip_clearance, max(LEAST_TIP_CLEARANCE, TIP_SHARE * typical))
+        rules = self._rules_tilted if view.tilt else self._rules
+        if not view.tilt and OVERLAP_SHARE * typical < rules.least_overlap:
+            rules = replace(rules, least_overlap=OVERLAP_SHARE * typical)
+        lowest = max(view.floor + clearance, top - self._reach)
         deepest_top = top - rules.least_overlap
         if deepest_top <= lowest:
-            high, clear = (top - view.floor) * 1e3, self.tip_clearance * 1e3
+            high, clear = (top - view.floor) * 1e3, clearance * 1e3
             return None, None, f"the object is only {high:.0f} mm high; the tips stay {clear:.0f} mm above the table"
         step = max(DEPTH_STEP, (deepest_top - lowest) / MOST_DEPTHS)
         count = min(MOST_DEPTHS, math.ceil((deepest_top - lowest) / step))

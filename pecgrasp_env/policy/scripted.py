@@ -18,6 +18,7 @@ from pecgrasp_env.motion.clearance import Clearance
 from pecgrasp_env.motion.grasp_approach import Approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
+from pecgrasp_env.policy.grip_force import grip_force
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
 from pecgrasp_env.policy.perception import View, still_there
@@ -27,7 +28,7 @@ from pecgrasp_env.policy.seen_objects import SeenObject
 from pecgrasp_env.policy.viewpoints import look_postures, posture_above
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
-_FORCE_N, _FIRM_FORCE_N = 60.0, 100.0  # the second where an object slipped out before
+_WAITING_FORCE_N = 60.0  # of a gripper that holds nothing
 _APPROACH_SPEED = 0.5
 _LIFT_SPEED = 0.6
 _EMPTY_OPENING_M = 0.002  # the thinnest thing that counts as held
@@ -97,7 +98,7 @@ class ScriptedPolicy:
             raise RuntimeError("call reset(target) before act(obs)")
         observation = read_observation(obs)
         if self._steps is None:
-            self._arm = ArmSteps(observation, self.control_dt, _FORCE_N)
+            self._arm = ArmSteps(observation, self.control_dt, _WAITING_FORCE_N)
             self._steps = self._episode(self._pick_planner(self._target), self._arm, observation)
             return next(self._steps)
         try:
@@ -148,6 +149,8 @@ class ScriptedPolicy:
                 continue
             approach = pick.approach
             self.log.grasp = approach.grasp
+            slipped = any(failure.startswith("lost") for failure in self.log.failures)
+            arm.force = grip_force(objects[pick.chosen].points, view.plane, slipped)
             failure, lift, observation = yield from self._pick(arm, approach, observation)
             if failure is None and still_there(objects[pick.chosen], observation, view.plane):
                 failure = "it is still on the table"
@@ -196,8 +199,6 @@ class ScriptedPolicy:
         """Go there, close, lift. Returns why it failed, or None, the joint path (K, 6) of the lift, and the last
         observation: whether something is held is read off the opening and the force, as on the real gripper.
         """
-        slipped = any(failure.startswith("lost") for failure in self.log.failures)
-        arm.force = _FIRM_FORCE_N if slipped else _FORCE_N
         self.log.doing = "moving over the object"
         observation = yield from arm.go(approach.to_pregrasp, observation, opening=approach.opening)
         self.log.doing = "coming down"
