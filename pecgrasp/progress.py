@@ -12,13 +12,19 @@ __all__ = ["progress_bar"]
 
 @contextmanager
 def progress_bar(unit: str, *, shown: bool, title: str | None = None) -> Iterator[Callable[[int, int], None]]:
-    """Yields `progress(done, total)`, which moves the bar on."""
-    with tqdm(unit=unit, desc=title, disable=not shown) as bar:
+    """Yields `progress(done, total)`, which moves the bar on; there is none before its first call."""
+    bar: tqdm | None = None
 
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            if bar.n == 0:
-                bar.initial = done  # what was there already counts neither as work nor in the time left
-            bar.update(done - bar.n)
+    def progress(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            # What was there already counts neither as work nor in the time left.
+            bar = tqdm(unit=unit, desc=title, disable=not shown, total=total, initial=done)
+        bar.total = total
+        bar.update(done - bar.n)
 
+    try:
         yield progress
+    finally:
+        if bar is not None:
+            bar.close()

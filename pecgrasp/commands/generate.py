@@ -20,7 +20,10 @@ def main(cfg: DictConfig) -> None:
     try:
         config = CaptureConfig.from_settings(plain(cfg))
         share = None if cfg.shard is None else JobShare.parse(cfg.shard)
-        with progress_bar("cloud", shown=cfg.progress) as progress:
+        with (
+            progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
+            progress_bar("cloud", shown=cfg.progress) as progress,
+        ):
             generation = generate(
                 config,
                 cfg.out,
@@ -29,6 +32,7 @@ def main(cfg: DictConfig) -> None:
                 share=share,
                 frames_at_once=cfg.frames_at_once,
                 progress=progress,
+                preparing=preparing,
             )
         summary = summarise(generation)
     except (CaptureError, DatasetError, JobShareError, ObjectError, SensorError) as error:
@@ -49,6 +53,8 @@ def main(cfg: DictConfig) -> None:
             f"{row['points'][2]:>7}{'–' if row['median_depth_m'] is None else row['median_depth_m']:>16}"
         )
     print(f"draws that were not kept: {summary['rejected']}")
+    for instance, what in generation.mended.items():
+        print(f"mended {instance}: {what}")
     for instance, why in summary["skipped"].items():
         print(f"skipped {instance}: {why}")
     print(f"{summary['new_clouds']} new clouds in {summary['seconds']} s ({summary['clouds_per_second']} clouds/s)")

@@ -32,7 +32,7 @@ from pec.data.splits import write_splits
 from pec.errors import DatasetError
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.shard_plan import allot, open_source
-from pecgrasp_env.capture.workers import make_shards
+from pecgrasp_env.capture.workers import make_shards, prepare
 from pecgrasp_env.common.job_share import JobShare
 
 __all__ = ["Generation", "generate"]
@@ -53,6 +53,8 @@ class Generation:
     """Draws that were not kept, by reason, over all that is there."""
     skipped: dict[str, str]
     """Instances that could not be captured, and why."""
+    mended: dict[str, str]
+    """What was mended in instances' meshes, or is missing beside them."""
     seconds: float
     manifest: Manifest
 
@@ -66,13 +68,15 @@ def generate(
     share: JobShare | None = None,
     frames_at_once: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    preparing: Callable[[int, int], None] | None = None,
 ) -> Generation:
     """Make the data set that `config` describes in `directory`, or what is missing of it.
 
     workers: processes that render; 1 renders in this process. on_error: "stop" at an object that cannot be captured, or
     "skip" it, and say so in the manifest. share: make only this share of the shards. frames_at_once: frames that each
     process draws together, by ManiSkill's batch on a GPU; None: many where there is a GPU, else one. The same bytes are
-    promised for one. progress(done, total), in samples, is called once at the start and after each shard.
+    promised for one. progress(done, total), in samples, is called once at the start and after each shard; preparing
+    likewise, in meshes, while a folder's meshes are cut into convex parts, `workers` at once.
     Raises CaptureError (an object that cannot be captured, a disk that cannot be written), ObjectError (unknown class,
     broken mesh), and DatasetError where `directory` holds another data set. After any of them, Ctrl-C or kill -9, the
     same call goes on where it stopped.
@@ -93,6 +97,7 @@ def generate(
     mine = list(jobs) if share is None else list(share.of(jobs))
     names = {shard_name(job.index) for job in mine}
     missing = [job for job in mine if shard_name(job.index) not in done]
+    prepare(source, missing, workers, on_error, preparing)
     total = sum(job.n_samples for job in mine)
     n_new = 0
     if progress:
@@ -121,9 +126,10 @@ def generate(
             write_manifest(directory, manifest, manifest_name)
     rejected = sum((Counter(record.rejected) for record in manifest.shards), Counter[str]())
     skipped = {name: why for record in manifest.shards for name, why in record.skipped.items()}
+    mended = {f"{i['class']}/{i['name']}": "; ".join(i["mended"]) for i in manifest.instances if "mended" in i}
     n_samples = sum(record.n_samples for record in manifest.shards)
     seconds = time.monotonic() - started
-    return Generation(directory, n_samples, n_new, dict(rejected.most_common()), skipped, seconds, manifest)
+    return Generation(directory, n_samples, n_new, dict(rejected.most_common()), skipped, mended, seconds, manifest)
 
 
 def _finish(directory: Path, manifest: Manifest) -> Manifest:

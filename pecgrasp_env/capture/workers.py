@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Generator
+import warnings
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
@@ -19,8 +20,9 @@ from pecgrasp_env.capture.scenarios.base import Subject
 from pecgrasp_env.capture.shard_plan import ShardJob, Source, instance_entry
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.objects import ObjectError, ObjectModel
+from pecgrasp_env.objects.mesh_folder import MeshFolder, MeshWarning
 
-__all__ = ["Result", "make_shards"]
+__all__ = ["Result", "make_shards", "prepare"]
 
 _GO_ON = "on_error=skip goes on with the other objects"
 
@@ -50,6 +52,26 @@ def make_shards(
         ) from error
 
 
+def prepare(
+    source: Source,
+    jobs: Sequence[ShardJob],
+    workers: int,
+    on_error: str,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Cut the meshes that the jobs need into convex parts, `workers` at once.
+
+    progress(done, total), in meshes. Raises ObjectError that names all that cannot be used where on_error is "stop".
+    """
+    if not isinstance(source, MeshFolder):
+        return
+    members = {(source.classes[m.class_index], m.number_in_class): None for job in jobs for m in job.members}
+    errors = source.prepare(list(members), workers, progress)
+    if errors and on_error == "stop":
+        several = f"{len(errors)} of {len(members)} meshes cannot be used:\n" if len(errors) > 1 else ""
+        raise ObjectError(f"{several}{chr(10).join(map(str, errors.values()))}. {_GO_ON}")
+
+
 class _ShardMaker:
     """Makes shards in one process, one scene for all of them."""
 
@@ -73,7 +95,9 @@ class _ShardMaker:
             entry = instance_entry(self._source, class_name, member.number_in_class)
             name = entry["name"]
             try:
-                model = self._source.load(class_name, member.number_in_class)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", MeshWarning)  # the entry says it
+                    model = self._source.load(class_name, member.number_in_class)
             except ObjectError as error:
                 if self._on_error == "stop":
                     raise ObjectError(f"{error}. {_GO_ON}") from error
@@ -82,6 +106,8 @@ class _ShardMaker:
                 subjects.append(Subject(model, member.class_index, member.instance_index))
                 entry["extents_m"] = [round(float(size), 5) for size in model.extents]
                 entry["mesh_sha256"] = _mesh_hash(model)
+                if model.mended:
+                    entry["mended"] = list(model.mended)
             entries.append(entry)
         captured = self._scenario.capture(subjects, job.first, job.count)
         for name, why in captured.given_up.items():

@@ -35,6 +35,7 @@ class ObjectModel:
     parts: tuple[Part, ...]
     hulls: tuple[np.ndarray, ...]  # convex collision parts, vertices (K, 3) float32, m
     mass: float  # kg, >= LIGHTEST
+    mended: tuple[str, ...] = ()  # what was mended in the mesh of a file, or is missing beside it
 
     @cached_property
     def extents(self) -> np.ndarray:

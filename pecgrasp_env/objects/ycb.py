@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from pecgrasp_env.objects.errors import ObjectError
+from pecgrasp_env.objects.folder_layout import mesh_of_object
 from pecgrasp_env.objects.mesh_folder import load_mesh
 from pecgrasp_env.objects.model import ObjectModel
 from pecgrasp_env.objects.procedural.catalogue import Catalogue, make_object
@@ -33,7 +34,7 @@ _MODELS = {
     "bowl": "024_bowl",
     "mustard_bottle": "006_mustard_bottle",
 }
-_MESH = "textured.obj"
+_MESHES = ("*", "*/*")  # of a model: ManiSkill's 025_mug/textured.obj, YCB's own 025_mug/google_16k/textured.obj
 
 
 class YcbLookAlikes:
@@ -75,10 +76,12 @@ class YcbDownload:
         wanted = [_MODELS[name] for name in self.classes if name in _MODELS]
         self._folder = Path() if not wanted else _downloaded() if models is None else models
         for name in wanted:
-            if not (self._folder / name / _MESH).is_file():
+            if not (self._folder / name).is_dir():
                 raise ObjectError(
-                    f"{self._folder / name / _MESH} does not exist: ManiSkill's YCB models are incomplete"
+                    f"{self._folder / name} does not exist: the YCB models are incomplete. Fetch it, or leave its "
+                    "class out of objects.classes"
                 )
+            mesh_of_object(self._folder / name)  # raises where it has no mesh
         self._loaded: dict[str, ObjectModel] = {}
 
     def names(self, class_name: str) -> list[str]:
@@ -93,25 +96,32 @@ class YcbDownload:
         if class_name not in self._loaded:
             name = _MODELS[class_name]
             # A scan may have holes where it stood; it is taken as it is.
-            self._loaded[class_name] = load_mesh(
-                self._folder / name / _MESH, class_name, name, scale=1.0, allow_open=True
-            )
+            source = mesh_of_object(self._folder / name)
+            self._loaded[class_name] = load_mesh(source, class_name, scale=1.0, allow_open=True)
         return self._loaded[class_name]
 
     def origin(self, class_name: str, i: int) -> str:
         """Where instance `i` comes from, in words."""
         if class_name in _MODELS:
-            return f"YCB mesh {_MODELS[class_name]}, as ManiSkill downloads it"
+            return f"YCB mesh {_MODELS[class_name]}"
         return self._look_alikes.origin(class_name, i)
 
 
 def find_models(path: str | Path) -> Path | None:
-    """The folder whose subfolders are YCB models in ManiSkill's layout, models/025_mug/textured.obj and so on, where
-    `path` is it, the mani_skill2_ycb that holds it, or the assets or data folder above that; else None.
+    """The folder whose subfolders are YCB models, 025_mug/textured.obj in ManiSkill's layout or
+    025_mug/google_16k/textured.obj in YCB's own, where `path` is it, the mani_skill2_ycb or ycb that holds it, or the
+    assets or data folder above that; else None.
     """
-    below = ("", "models", "mani_skill2_ycb/models", "assets/mani_skill2_ycb/models")
+    below = ("", "models", "ycb", "mani_skill2_ycb/models", "assets/mani_skill2_ycb/models")
     folders = (Path(path, *part.split("/")) for part in below)
-    return next((folder for folder in folders if any(folder.glob(f"[0-9][0-9][0-9]_*/{_MESH}"))), None)
+    return next((folder for folder in folders if _has_models(folder)), None)
+
+
+def _has_models(folder: Path) -> bool:
+    models = [model for model in folder.glob("[0-9][0-9][0-9]_*") if model.is_dir()]
+    return any(
+        file.suffix in (".obj", ".ply", ".stl") for model in models for form in _MESHES for file in model.glob(form)
+    )
 
 
 def _chosen(classes: Sequence[str] | None) -> tuple[str, ...]:

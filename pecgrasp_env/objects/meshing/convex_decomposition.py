@@ -17,8 +17,9 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from pecgrasp_env.objects.meshing.convex_hulls import convex_hull, cut_in_halves, depth_below, split_round
+from pecgrasp_env.objects.meshing.edges import Edges
 
-__all__ = ["COACD", "LIMIT_S", "MOST_FACES", "decompose", "edge_counts", "halved"]
+__all__ = ["COACD", "LIMIT_S", "MOST_FACES", "decompose", "halved"]
 
 # CoACD stops at this concavity (share of the size). The search is shallower than its default (nodes 20, iterations 150,
 # depth 3, resolution 2000), which costs a hollow mug of 16,000 faces five times the time for hardly tighter parts.
@@ -34,6 +35,9 @@ COACD: dict[str, float] = {
 }
 LIMIT_S = 90.0
 MOST_FACES = 40_000
+_MOST_HALVED = 150_000  # faces; more of them are thinned out first, which moves the surface by half a cell at most
+_CELLS = 120  # along the longest side
+_MOST_DISTANCES = 10_000_000  # of points of a surface to planes of its hull, at once
 _MOST_PIECES = 32
 _TOLERANCE = 0.02  # share of the mesh's length that a surface may lie deep in the hull of its piece
 
@@ -42,7 +46,7 @@ def decompose(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
     """Convex parts (K, 3) each of a mesh (V, 3) float64, (F, 3) int32, in its unit; none where it has no volume."""
     parts = _coacd(vertices, faces) if len(faces) <= MOST_FACES else None
     if parts is None:
-        parts = halved(vertices, faces)
+        parts = halved(*(_coarser(vertices, faces) if len(faces) > _MOST_HALVED else (vertices, faces)))
     # As if the mesh were 200 mm long: hull tolerances are millimetres, and the file's unit is not known here.
     unit = float(np.ptp(vertices, axis=0).max()) / 200
     pieces = []
@@ -57,7 +61,7 @@ def _coacd(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray] | None:
     with tempfile.TemporaryDirectory() as folder:
         given, found = Path(folder) / "mesh.npz", Path(folder) / "parts.npz"
         # Scans touch themselves: closed, though some edges have four faces. Remeshed, such a solid becomes a shell.
-        faces_of_edge = edge_counts(faces)
+        faces_of_edge = Edges(faces).count
         as_is = bool((faces_of_edge % 2 == 0).all() and (faces_of_edge > 2).any())
         settings = COACD | {"preprocess_mode": "off" if as_is else "auto"}
         np.savez(given, vertices=vertices, faces=faces)
@@ -77,10 +81,19 @@ def _coacd(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray] | None:
             return np.split(parts["points"], np.cumsum(parts["counts"])[:-1]) if len(parts["counts"]) else []
 
 
-def edge_counts(faces: np.ndarray) -> np.ndarray:
-    """How many of the faces (F, 3) each edge belongs to, (E,)."""
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return np.unique(edges, axis=0, return_counts=True)[1]
+def _coarser(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The surface with one vertex for each cell that it passes: of those in it the one furthest from the middle."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = np.floor((vertices - low) / ((high - low).max() / _CELLS)).astype(np.int64)
+    key = (cell[:, 0] * (_CELLS + 1) + cell[:, 1]) * (_CELLS + 1) + cell[:, 2]
+    far = np.linalg.norm(vertices - (low + high) / 2, axis=1)
+    order = np.lexsort((-far, key))
+    chosen = order[np.unique(key[order], return_index=True)[1]]
+    place = np.searchsorted(key[chosen], key)
+    corners = np.sort(place[faces], axis=1)
+    kept = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
+    _, first = np.unique((corners[kept] @ (len(chosen) ** np.array([2, 1, 0]))), return_index=True)
+    return vertices[chosen], place[faces[kept][first]].astype(np.int32)
 
 
 def halved(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
@@ -115,7 +128,8 @@ class _Piece:
     def of(cls, vertices: np.ndarray, faces: np.ndarray) -> _Piece:
         hull = convex_hull(vertices)
         surface = np.concatenate([vertices, vertices[faces].mean(axis=1)])
-        return cls(vertices, faces, hull, float(depth_below(surface[:: 1 + len(surface) // 5000], hull).max()))
+        most = min(5000, _MOST_DISTANCES // len(hull.equations))
+        return cls(vertices, faces, hull, float(depth_below(surface[:: 1 + len(surface) // most], hull).max()))
 
     def halves(self, axes: np.ndarray) -> list[_Piece]:
         """By the cut through the middle, across one of `axes`, that leaves the least volume, or nothing."""

@@ -9,6 +9,7 @@ import trimesh
 
 from pecgrasp_env.objects import MeshFolder, ObjectError, open_objects
 from pecgrasp_env.objects import mesh_folder as module
+from pecgrasp_env.objects.meshing import convex_cache
 from pecgrasp_env.objects.meshing import convex_decomposition as decompose
 from pecgrasp_env.objects.meshing.mesh_cache import cache_folder
 
@@ -57,7 +58,7 @@ def test_convex_parts_are_found_once(tmp_path, monkeypatch):
     def never(vertices, faces):
         raise AssertionError("decomposed again")
 
-    monkeypatch.setattr(module, "decompose", never)
+    monkeypatch.setattr(convex_cache, "decompose", never)
     again = MeshFolder(tmp_path).load("brick", 0)
     np.testing.assert_array_equal(np.concatenate(first.hulls), np.concatenate(again.hulls))
     small = MeshFolder(tmp_path, scale=0.5).load("brick", 0)  # the parts of a mesh do not depend on its unit
