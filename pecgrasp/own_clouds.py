@@ -45,6 +45,8 @@ def with_own_clouds(settings: dict[str, Any], say: Callable[[str], None] = print
     scale = dataset.pop("scale", 1.0)
     if dataset["path"] == MISSING:
         raise ConfigError("dataset.path=… must be given: the folder or the .npz of the clouds")
+    if "*" in dataset["path"]:
+        raise ConfigError(f"dataset.path={dataset['path']}: the folder of the classes' folders, without a pattern")
     if isinstance(scale, bool) or not (isinstance(scale, (int, float)) and 0 < scale < float("inf")):
         raise ConfigError(f"dataset.scale = {scale!r} must be a positive number, such as 0.001 for millimetres")
     path = Path(dataset["path"])

@@ -41,7 +41,7 @@ def load_run_data(config: TrainConfig, device: torch.device) -> RunData:
     parts = split(dataset, config.dataset, config.protocol.selection, config.seed)
     for name, part in zip(("training", "choosing the epoch", "testing"), parts, strict=True):
         if not len(part):
-            raise DatasetError(f"{config.dataset.path}: {len(dataset)} clouds leave none for {name}")
+            raise DatasetError(f"{config.dataset.path}: {len(dataset)} clouds leave none for {name}: give more of them")
     prepared = prepare(
         dataset,
         config.preprocess,

@@ -19,7 +19,9 @@ from pecgrasp.settings import CONF, plain
 def main(cfg: DictConfig) -> None:
     try:
         settings = with_own_clouds(plain(cfg, complete=True))
-    except (ConfigError, DatasetError, MissingMandatoryValue) as error:
-        sys.exit(f"pecgrasp ablate: {str(error).splitlines()[0]}")
+    except MissingMandatoryValue as error:
+        sys.exit(f"pecgrasp ablate: {error.full_key}=… must be given")
+    except (ConfigError, DatasetError) as error:
+        sys.exit(f"pecgrasp ablate: {error}")
     cell = run_cell(settings)
     print(f"cell {cell['key']}: {cell['status']}" + (f", {cell['error']}" if cell["error"] else ""))

@@ -151,6 +151,8 @@ def test_another_layout_is_refused_with_the_expected_one(folder, tmp_path):
         with_own_clouds(settings(tmp_path / "empty", tmp_path), print)
     with pytest.raises(DatasetError, match=r"rod is no data set: expected FOLDER/<class>/"):
         with_own_clouds(settings(folder / "rod", tmp_path), print)
+    with pytest.raises(ConfigError, match="the folder of the classes' folders, without a pattern"):
+        with_own_clouds(settings(folder / "*" / "*.npy", tmp_path), print)
     (tmp_path / "parts").mkdir()
     for part in ("train", "test"):
         (tmp_path / "parts" / part).symlink_to(folder)
