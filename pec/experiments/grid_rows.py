@@ -52,8 +52,10 @@ class Row:
 
     @property
     def precision(self) -> str:
-        """Of the products in training; cells that were made before there was a choice say nothing."""
-        return self.settings["protocol"].get("precision", "float32")
+        """Of the products in training, as asked, or what "auto" came to; cells older than the choice say nothing."""
+        asked = str(self.settings["protocol"].get("precision", "float32"))
+        used = {result["precision"]["used"] for result in self.results}
+        return " and ".join(sorted(used)) if asked == "auto" and used else asked
 
     @property
     def name(self) -> str:

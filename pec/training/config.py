@@ -45,10 +45,13 @@ class ModelConfig:
 class ProtocolConfig:
     """selection: "validation" (honest: the epoch is chosen on a part cut from train, test is read once at the end) or
     "evaluation split" (published: the best epoch on the split that is also reported). batch_size None: full batch.
-    initial_weights: torch's "default", or "scaled" to the data (`pec.networks.initialise`). precision: of the
-    products in training, "float32" or "bfloat16" (torch.autocast: faster on GPUs and on CPUs with AMX); weights keep
-    float32. logit_adjustment: how far training makes up for classes of unequal number, 0 not at all, 1 as if all were
-    as many: the loss sees the logits plus that many times the log of the class's share (Menon et al., ICLR 2021)."""
+    initial_weights: torch's "default", or "scaled" to the data (`pec.networks.initialise`). running_statistics: of
+    batch norm, as "torch" has them (published), or "corrected" for what they start as
+    (`pec.training.running_statistics`). precision: of the products in training, "float32", "bfloat16"
+    (torch.autocast), or "auto": bfloat16 where it is clearly faster when the run begins; weights keep float32. A run is
+    the same whatever "auto" came to, and goes on as it began. logit_adjustment: how far training makes up for classes
+    of unequal number, 0 not at all, 1 as if all were as many: the loss sees the logits plus that many times the log of
+    the class's share (Menon et al., ICLR 2021)."""
 
     selection: str = "validation"
     epochs: int = 60
@@ -58,7 +61,8 @@ class ProtocolConfig:
     schedule: str = "one_cycle"
     weight_decay: float = 0.01
     label_smoothing: float = 0.1
-    precision: str = "float32"
+    running_statistics: str = "corrected"
+    precision: str = "auto"
     logit_adjustment: float = 0.0
 
 
@@ -97,7 +101,8 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     _one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
     _one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
     _one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
-    _one_of("protocol.precision", protocol.precision, ("float32", "bfloat16"))
+    _one_of("protocol.running_statistics", protocol.running_statistics, ("torch", "corrected"))
+    _one_of("protocol.precision", protocol.precision, ("auto", "float32", "bfloat16"))
     _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
     _one_of("dataset.size", dataset.size, SIZES)
     check_model(config.model.name)
@@ -117,6 +122,8 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     ):
         if not 0 < share < 1:
             raise ConfigError(f"{name} must be between 0 and 1, got {share}")
+    if protocol.batch_size == 1:
+        raise ConfigError("protocol.batch_size must be 2 at least, got 1: batch norm has no variance of one cloud")
     if protocol.logit_adjustment < 0:
         raise ConfigError(f"protocol.logit_adjustment must not be negative, got {protocol.logit_adjustment}")
     if not 0 <= dataset.removed < 1:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from copy import deepcopy
 from dataclasses import dataclass
 
 import torch
@@ -15,10 +18,12 @@ from pec.metrics import score
 from pec.networks.baselines import NearestNeighbours, PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.training.config import ProtocolConfig, TrainConfig
+from pec.training.running_statistics import without_their_start
 
 __all__ = ["EpochResult", "Epochs", "learning_rate", "log_class_shares", "memorise"]
 
 _SCALING_CLOUDS = 512  # that initial weights are scaled to
+_TRIAL_CLOUDS = 512  # of a step that is timed: more take longer and show nothing new
 
 
 @dataclass(frozen=True)
@@ -50,8 +55,23 @@ class Epochs:
         index = torch.randperm(len(self._training), generator=generator)[:_SCALING_CLOUDS].to(self._device)
         scale_initial_weights(model, self._draw(index, generator), seed)
 
-    def run(self, model: nn.Module, optimizer: torch.optim.Optimizer, epoch: int) -> EpochResult:
-        """Train `model` by one pass, the `epoch`-th from 0. Raises TrainingError where the loss is not finite."""
+    def trial(self, model: nn.Module) -> Callable[[str], object]:
+        """A step of training in the precision that it is given, on a copy of `model`, to be timed."""
+        copy = deepcopy(model).train()
+        index = torch.arange(min(self._batch_size, _TRIAL_CLOUDS), device=self._device)
+        inputs, labels = self._draw(index, torch.Generator().manual_seed(0)), self._training.labels[index]
+
+        def step(precision: str) -> None:
+            with self._seeded(0):
+                self._loss(copy, inputs, labels, precision)[1].backward()
+
+        return step
+
+    def run(self, model: nn.Module, optimizer: torch.optim.Optimizer, epoch: int, precision: str) -> EpochResult:
+        """Train `model` by one pass, the `epoch`-th from 0, with products in `precision`.
+
+        Raises TrainingError where the loss is not finite.
+        """
         protocol, seed = self._config.protocol, self._config.seed * 1_000_003 + epoch
         generator = torch.Generator().manual_seed(seed)
         n = len(self._training)
@@ -59,10 +79,10 @@ class Epochs:
         order = torch.arange(n) if self._n_steps == 1 else torch.randperm(n, generator=generator)
         loss_sum, correct, rate = 0.0, 0, protocol.learning_rate
         model.train()
-        # Dropout draws from torch's own generator: seeded here like the others, and left as it was found.
-        with torch.random.fork_rng(devices=[self._device] if self._device.type == "cuda" else []):
-            torch.manual_seed(seed)
-            for step, index in enumerate(order.to(self._device).split(self._batch_size)):
+        corrected = protocol.running_statistics == "corrected"
+        with self._seeded(seed), without_their_start(model) if corrected else nullcontext():
+            # Batches of equal size: what is left over may be two clouds, whose variance says nothing.
+            for step, index in enumerate(order.to(self._device).tensor_split(self._n_steps)):
                 if len(index) == 1:
                     continue  # batch norm has no variance of one
                 rate = learning_rate(protocol, (epoch * self._n_steps + step) / (protocol.epochs * self._n_steps))
@@ -70,7 +90,7 @@ class Epochs:
                     group["lr"] = rate
                 labels = self._training.labels[index]
                 inputs = self._unchanging[index] if self._unchanging is not None else self._draw(index, generator)
-                logits, loss = self._loss(model, inputs, labels)
+                logits, loss = self._loss(model, inputs, labels, precision)
                 value = loss.item()
                 if not math.isfinite(value):
                     raise TrainingError(f"the loss is {value} in epoch {epoch + 1}: learning rate {rate:g} is too high")
@@ -81,9 +101,18 @@ class Epochs:
                 correct += int((logits.detach().argmax(dim=1) == labels).sum())
         return EpochResult(loss_sum / n, correct / n, rate)
 
-    def _loss(self, model: nn.Module, inputs: torch.Tensor, labels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    @contextmanager
+    def _seeded(self, seed: int) -> Iterator[None]:
+        """Dropout draws from torch's own generator: seeded here like the others, and left as it was found."""
+        with torch.random.fork_rng(devices=[self._device] if self._device.type == "cuda" else []):
+            torch.manual_seed(seed)
+            yield
+
+    def _loss(
+        self, model: nn.Module, inputs: torch.Tensor, labels: torch.Tensor, precision: str
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         protocol = self._config.protocol
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=protocol.precision == "bfloat16"):
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=precision == "bfloat16"):
             logits = model(inputs)
         logits = logits.float()
         loss = nn.functional.cross_entropy(logits + self._offsets, labels, label_smoothing=protocol.label_smoothing)

@@ -21,9 +21,11 @@ from pec.errors import ConfigError
 from pec.metrics import arrange_views, log_probabilities, score
 from pec.networks.baselines import NearestNeighbours
 from pec.training.config import TrainConfig, read_config
+from pec.training.doubts import doubts
 from pec.training.epoch import EpochResult, Epochs, memorise
 from pec.training.final_evaluation import report
 from pec.training.finished_runs import finished_results
+from pec.training.precision import Precision, choose_precision
 from pec.training.run_data import RunData, load_run_data
 from pec.training.run_state import RunState
 from pec.training.tensorboard import Tracker
@@ -57,6 +59,8 @@ def _fit(config: TrainConfig, state: RunState, data: RunData) -> None:
     epochs = None if state.optimizer is None else Epochs(config, data.training, len(data.classes))
     if epochs and state.epoch == 0 and config.protocol.initial_weights == "scaled":
         epochs.scale_initial_weights(state.model)
+    if state.precision is None:
+        state.precision = _precision(state, epochs, data)
     inputs = arrange_views(config.preprocess, data.selection.candidates, data.selection.valid)
     with Tracker(Path(config.output) / "tensorboard", state.epoch) as tracker:
         bar = tqdm(
@@ -78,18 +82,28 @@ def _fit(config: TrainConfig, state: RunState, data: RunData) -> None:
             )
 
 
+def _precision(state: RunState, epochs: Epochs | None, data: RunData) -> Precision:
+    """What precision=auto means for this run: measured, where there is something to measure."""
+    if epochs is None or len(data.training) < 2:
+        return Precision("auto", "float32")
+    return choose_precision(epochs.trial(state.model), data.training.labels.device)
+
+
 def _train_epoch(config: TrainConfig, state: RunState, epochs: Epochs | None, data: RunData, epoch: int) -> EpochResult:
     if epochs is None:
         assert isinstance(state.model, NearestNeighbours)
         return memorise(state.model, config, data.training)
     assert state.optimizer is not None
-    return epochs.run(state.model, state.optimizer, epoch)
+    assert state.precision is not None
+    return epochs.run(state.model, state.optimizer, epoch, state.precision.used)
 
 
 def _results(config: TrainConfig, state: RunState, data: RunData, device: torch.device) -> dict[str, Any]:
     """What the run was, and what `report` says of its checkpoints: only here is the test split read."""
     output = Path(config.output)
     honest = config.protocol.selection == "validation"
+    assert state.precision is not None
+    results = report(output, config, data.training, data.selection, data.test)
     return {
         "protocol": "honest: epoch chosen on validation, test read once"
         if honest
@@ -104,7 +118,9 @@ def _results(config: TrainConfig, state: RunState, data: RunData, device: torch.
         "checkpoint": str(output / "best"),
         "config": config.decisive(),
         "data": data.version,
-        **report(output, config, data.training, data.selection, data.test),
+        "precision": state.precision.as_dict(),
+        **results,
+        "warnings": doubts(config, data.training.labels, state.history["train_accuracy"], results["best"]),
         "curves": state.history,
         "n_samples": {"train": len(data.training), "selection": len(data.selection), "test": len(data.test)},
     }

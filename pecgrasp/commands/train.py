@@ -2,6 +2,7 @@
 
 import re
 import sys
+from typing import Any
 
 import hydra
 from omegaconf import DictConfig
@@ -31,6 +32,9 @@ def training(cfg: DictConfig) -> float:
             f"{name:6}{row['epoch']:>6}{100 * row['selection_accuracy']:>13.2f}{100 * row['test_accuracy']:>9.2f}"
             f"{100 * row['test_calibration_error']:>21.2f}"
         )
+    print(_products(results["precision"]))
+    for warning in results["warnings"]:
+        print(f"warning: {warning}")
     print(f"checkpoint: {results['checkpoint']}")
     return results["best"]["test_accuracy"]
 
@@ -38,3 +42,11 @@ def training(cfg: DictConfig) -> float:
 def main() -> None:
     sys.argv[1:] = [re.sub("^path=", "dataset.path=", word) for word in sys.argv[1:]]
     training()
+
+
+def _products(precision: dict[str, Any]) -> str:
+    line = f"products in {precision['used']}"
+    speedup = precision["bfloat16_speedup"]
+    if speedup is not None:
+        line += f" (protocol.precision=auto: bfloat16 was {speedup:.3g} times as fast when the run began)"
+    return line

@@ -25,6 +25,7 @@ def _settings(shapes, folder, **changes):
         | changes.pop("preprocess", {}),
         "model": {"name": "pec"},
         "protocol": {"epochs": 1, "batch_size": 16, "selection": "validation", "learning_rate": 0.002}
+        | {"precision": "float32"}
         | changes.pop("protocol", {}),
         "augment": {},
         "seed": 0,

@@ -173,7 +173,7 @@ def test_products_of_half_precision_train_other_weights_that_are_kept_in_full(sh
         weights.append(read_checkpoint(tmp_path / precision / "last").model.state_dict())
     assert {tensor.dtype for tensor in weights[1].values()} == {torch.float32, torch.int64}
     assert any(not torch.equal(a, b) for a, b in zip(*(state.values() for state in weights), strict=True))
-    with pytest.raises(ConfigError, match=r"protocol\.precision must be one of float32, bfloat16, got 'half'"):
+    with pytest.raises(ConfigError, match=r"protocol\.precision must be one of auto, float32, bfloat16, got 'half'"):
         train(_settings(shapes, tmp_path / "x", protocol={"precision": "half"}))
 
 
