@@ -70,7 +70,11 @@ class SelectiveGrasper:
         wanted = [i for i, label in enumerate(labels) if label == target]
         if not wanted:
             seen = ", ".join(f"{label} ({c:.2f})" for label, c in zip(labels, confidences, strict=True))
-            return chosen_none(None, f"no {target} among the objects: {seen}")
+            rest = [each for each in scene.rejected if each.what == "cluster" and each.way_out]
+            left_out = "; ".join(f"{each.n_points} points: {each.why} (say {each.way_out})" for each in rest)
+            return chosen_none(
+                None, f"no {target} among the objects: {seen}" + (left_out and f"; left out: {left_out}")
+            )
         sure = [i for i in wanted if confidences[i] >= self.min_confidence]
         if not sure:
             best = max(confidences[i] for i in wanted)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from grasping.grasp import Grasp
 from grasping.gripper import Gripper
+from grasping.plan_files.left_out import left_out
 from grasping.plan_files.results import PlannedFile, PlannedObject
 from grasping.viewer.figure import Layer, fragment, score_rgb
 from grasping.viewer.html import page, templates
@@ -56,6 +57,7 @@ def plan_page(
             position=_position,
             pose=_pose,
             remarks=_remarks,
+            left_out=left_out,
             up_of=up_of,
             scene_figure=scene_figure,
             object_figure=object_figure,

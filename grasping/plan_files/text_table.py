@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from grasping.plan_files.left_out import left_out
 from grasping.plan_files.results import PlannedFile
 
 
@@ -12,6 +13,7 @@ def table_lines(file: PlannedFile) -> list[str]:
     lines = []
     if file.scene is not None:
         lines.append(_line(file.path.name, _count(file.n_points)) + f"  {file.found}, {1e3 * file.segment_s:.1f} ms")
+        lines += [f"  {each}" for each in left_out(file.scene)]
     for each in file.objects:
         name = f"  {each.name}" if file.scene is not None else each.name
         ms, best = f"{1e3 * each.plan_s:.1f} ms", each.plan.best

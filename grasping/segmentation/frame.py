@@ -17,13 +17,15 @@ from grasping.segmentation.lines_of_sight import LinesOfSight
 from grasping.segmentation.planes import Plane
 from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, View, find_table
-from grasping.validation import position
+from grasping.validation import FARTHEST, position
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 GRIPPER_CONTACT = 0.01  # m
+ALONG_Z = 0.94  # of up, where that is what a world frame's z axis is
 USUAL = 0.7  # of the way to a loose cloud's middle goes along its z axis, where that is a camera's frame
+NOTICED = 0.01  # of the points; fewer are left out without a way to have them
 LOWEST_CAMERA = 0.05  # m above the table
 
 
@@ -49,19 +51,25 @@ class Frame:
         self.count = int(np.count_nonzero(self.valid))
         if not self.count:
             beyond = squared[np.isfinite(squared) & (squared > 0)]
-            nearest = f"; the nearest is {math.sqrt(beyond.min()):.4g} m away" if len(beyond) else ""
-            raise CloudError(f"cloud: none of {len(self.points)} points is valid and {where} from its origin{nearest}")
+            raise CloudError(
+                f"cloud: none of {len(self.points)} points is valid and {where} from its origin{_all_beyond(beyond)}"
+            )
         self.rejected: list[Rejected] = []
         self.other_planes: list[FloatArray] = []
         self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
         holes = int(np.count_nonzero(self._holes))
         self.reject("points", "no depth", holes)
-        self.reject("points", f"not {where}", len(self.points) - holes - self.count)
+        measured = len(self.points) - holes
+        way_out = ""
+        if measured - self.count > NOTICED * measured:
+            farthest = float(np.quantile(squared[np.isfinite(squared)], 0.99)) ** 0.5
+            way_out = f"depth_range=[0,{math.ceil(2 * max(farthest, far)) / 2:g}]" if farthest < FARTHEST else ""
+        self.reject("points", f"not {where}", measured - self.count, way_out)
 
-    def reject(self, what: str, why: str, n_points: int) -> None:
-        """Note what is left out, where there is any of it."""
+    def reject(self, what: str, why: str, n_points: int, way_out: str = "") -> None:
+        """Note what is left out, where there is any of it, and the setting that would take it."""
         if n_points:
-            self.rejected.append(Rejected(what, why, n_points))
+            self.rejected.append(Rejected(what, why, n_points, way_out))
 
     def sample(self, most: int, rng: np.random.Generator) -> FloatArray:
         """(M, 3) float64: the valid points, or as many of them as suffice, drawn at random."""
@@ -124,13 +132,24 @@ class Frame:
             view=self._view(sample),
             seen_from_origin=self.sight is not None or self._viewpoint is not None,
         )
+        self._told_up = up is not None
         for other in found.others:
             self.reject("plane", other.where, round(other.share * self.count))
             self.other_planes.append(self._back(other.plane).equation)
         if isinstance(found.table, str):
-            self.rejected.insert(0, Rejected("plane", found.table, self.count))
+            way_out = "" if up is None else "up=[x,y,z]"
+            self.rejected.insert(0, Rejected("plane", found.table, self.count, way_out))
             return found.table
-        return self._back(found.table)
+        table = self._back(found.table)
+        if up is None and self._viewpoint is None and table.equation[3] < LOWEST_CAMERA:
+            why = "no camera can stand at the cloud's origin, under the table: this is no camera's frame"
+            self.reject("plane", why, self.count, _up_setting(table.equation))
+        return table
+
+    def reject_below(self, plane: FloatArray, n_points: int) -> None:
+        """Note what lies below the table, and that up may be elsewhere where only the plane says where it is."""
+        unsure = not self._told_up and self.sight is None and n_points > NOTICED * self.count
+        self.reject("points", "below the table", n_points, _up_setting(-plane) if unsure else "")
 
     def _back(self, plane: Plane) -> Plane:
         """A plane of the frame that has the viewpoint as its origin, in the cloud's own."""
@@ -206,6 +225,24 @@ class Frame:
             return self._viewpoint, nothing
         far = [self.sight.unseen(self._holes, index, points, plane) for index, points in zip(kept, clouds, strict=True)]
         return self._origin, far
+
+
+def _all_beyond(squared: NDArray) -> str:
+    """What to say where all points are out of range. squared: (N,) their distances', of those measured."""
+    if not len(squared):
+        return ""
+    nearest, farthest = math.sqrt(squared.min()), math.ceil(2 * math.sqrt(squared.max())) / 2
+    said = f"; the nearest is {nearest:.4g} m away"
+    if farthest > FARTHEST:
+        return said
+    return said + f": say depth_range=[0,{farthest:g}], on the command line '+segmenter.depth_range=[0,{farthest:g}]'"
+
+
+def _up_setting(plane: FloatArray) -> str:
+    """What says that up is along a plane's normal."""
+    if plane[2] > ALONG_Z:
+        return "frame=world"
+    return f"up=[{','.join(f'{value:.2f}' for value in plane[:3] + 0.0)}]"
 
 
 def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:

@@ -69,7 +69,7 @@ class PublishedSegmenter:
             height = frame.heights(plane.equation)
             chosen = np.flatnonzero(height > self.plane_distance)
             below = int(np.count_nonzero(height < -self.plane_distance))
-            frame.reject("points", "below the table", below)
+            frame.reject_below(plane.equation, below)
             n_table = frame.count - below - len(chosen)
         points = frame.points.take(chosen, axis=0).astype(np.float64)
         inliers = _statistical_inliers(points, self.mean_k, self.std)

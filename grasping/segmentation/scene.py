@@ -13,11 +13,16 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Rejected:
-    """Something that is no object: what ("plane", "cluster", "points"), why, and the number of points concerned."""
+    """Something that is no object: what ("plane", "cluster", "points"), why, and the number of points concerned.
+
+    way_out: the setting of the segmenter with which it would be taken, "max_extent=0.6", or "frame=world", which is
+    `up` along z, or "up=[x,y,z]"; empty where there is none.
+    """
 
     what: str
     why: str
     n_points: int
+    way_out: str = ""
 
 
 @dataclass(frozen=True)
@@ -47,11 +52,11 @@ class Scene:
     other_planes: list[FloatArray] = field(default_factory=list)
 
     def summary(self) -> str:
-        """What was rejected, in a sentence."""
+        """What was rejected, in a sentence, with the settings that would take it."""
         parts = [
-            f"{entry.n_points} points: {entry.why}"
-            if entry.what == "points"
-            else f"a {entry.what} of {entry.n_points} points: {entry.why}"
+            ("" if entry.what == "points" else f"a {entry.what} of ")
+            + f"{entry.n_points} points: {entry.why}"
+            + (f" (say {entry.way_out})" if entry.way_out else "")
             for entry in self.rejected
         ]
         return "; ".join(parts) if parts else "nothing was rejected"

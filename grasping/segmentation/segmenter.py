@@ -24,6 +24,7 @@ IntArray = NDArray[np.int64]
 
 BESIDE_TABLE = 0.01  # m outside of the seen table's outline
 _SMALL = "small"
+_BESIDE = "beside the table"
 
 
 class Segmenter:
@@ -116,8 +117,11 @@ class Segmenter:
         table = np.flatnonzero(np.abs(height) <= plane.band)
         above = np.flatnonzero(height > plane.band)
         tall = height.take(above) > self.max_height
-        frame.reject("points", f"more than {self.max_height:g} m above the table", int(np.count_nonzero(tall)))
-        frame.reject("points", "below the table", frame.count - len(table) - len(above))
+        if tall.any():
+            way_out = f"max_height={_upward(height.take(above).max()):g}"
+            why = f"more than {self.max_height:g} m above the table"
+            frame.reject("points", why, int(np.count_nonzero(tall)), way_out)
+        frame.reject_below(plane.equation, frame.count - len(table) - len(above))
         chosen, on_ramps = frame.without_flying(above[~tall], plane.equation)
         level = basis(plane.equation[:3])
         flat = frame.points.take(chosen, axis=0) @ level
@@ -146,7 +150,7 @@ class Segmenter:
             # What is no object whatever its parts are is not taken apart.
             why_whole = self._too_little(frame, chosen[cluster], on_table)
             if why_whole is None and on_table is not None and on_table.beside(cluster, every_one=True):
-                why_whole = "beside the table"
+                why_whole = _BESIDE
             parts = [cluster] if why_whole else self._parts(frame, chosen, cluster, on_table)
             for members in parts:
                 points, why = chosen[members], why_whole
@@ -159,7 +163,7 @@ class Segmenter:
                 elif why == _SMALL:
                     small.append(len(members))
                 else:
-                    frame.reject("cluster", why, len(members))
+                    frame.reject("cluster", why, len(members), self._way_out(frame, points, on_table, why))
                     if not why.startswith("only"):
                         obstacles.append(points)
         if on_table is not None and len(kept) > 1:
@@ -168,7 +172,7 @@ class Segmenter:
             ]
             kept = [np.concatenate([kept[i] for i in numbers]) for numbers in join_walls(walls)]
         least = f"fewer than {self.min_points} points or less than {self.min_area * 1e4:g} cm²"
-        frame.reject("points", f"{len(small)} clusters of {least}", sum(small))
+        frame.reject("points", f"in {len(small)} clusters of {least}", sum(small))
         return sorted(kept, key=lambda points: -len(points)), obstacles
 
     def _parts(self, frame: Frame, chosen: IntArray, members: IntArray, on_table: _OnTable | None) -> list[IntArray]:
@@ -218,7 +222,15 @@ class Segmenter:
         """Why what is large enough is no object on the table."""
         if (extent := self._extent(frame, points)) > self.max_extent:
             return f"{extent:.2f} m large, more than {self.max_extent:g} m"
-        return "beside the table" if on_table is not None and on_table.beside(members) else None
+        return _BESIDE if on_table is not None and on_table.beside(members) else None
+
+    def _way_out(self, frame: Frame, points: IntArray, on_table: _OnTable | None, why: str) -> str:
+        """The setting with which a cluster would be an object, empty where there is none."""
+        if why == _BESIDE or on_table is None:
+            return "" if why == _BESIDE else f"max_extent={_upward(self._extent(frame, points)):g}"
+        if why.startswith("only"):
+            return f"min_height={np.floor(_upper(on_table.height.take(points)) * 1e3) / 1e3:g}"
+        return f"max_extent={_upward(self._extent(frame, points)):g}"
 
 
 @dataclass(frozen=True)
@@ -247,6 +259,11 @@ def _upper(height: NDArray) -> float:
     """What 95 % of the heights are at most."""
     last = int(0.95 * (len(height) - 1))
     return float(np.partition(height, last)[last])
+
+
+def _upward(value: float) -> float:
+    """The next twentieth of a metre above."""
+    return float(np.ceil(20 * value + 1e-6) / 20)
 
 
 def _outside(outline: FloatArray, flat: NDArray) -> bool:

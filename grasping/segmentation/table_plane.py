@@ -201,6 +201,8 @@ def _weights(points: FloatArray, view: View) -> FloatArray:
 def _others(candidates: list[_Candidate], table: _Candidate) -> list[OtherPlane]:
     found = []
     for each in sorted(candidates, key=lambda each: -each.share):
+        if _width(each.members) < LEAST_EXTENT:
+            continue  # the face of a thing
         cosine = float(each.normal @ table.normal)
         angle = float(np.degrees(np.arccos(min(abs(cosine), 1.0))))
         height = float(table.plane.distances(each.middle[None])[0])

@@ -13,6 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from grasping import CloudError, ConfigError
 from grasping.cloud_files import read_cloud
+from grasping.plan_files.left_out import left_out
 from grasping.plan_files.run import write_whole
 from pecgrasp.from_settings import made, up_of
 from pecgrasp.settings import CONF, file_as_override
@@ -59,6 +60,8 @@ def segment(cfg: DictConfig) -> None:
         "rejected": [asdict(each) for each in scene.rejected],
     }
     write_whole(output / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
+    for line in left_out(scene):
+        print(line)
     print(f"{len(rows)} objects{'' if scene.plane is not None else ', no table'}, {milliseconds:.1f} ms; in {output}")
 
 
