@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import os
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,9 @@ FORM = (
 )
 
 
+_BROKEN = (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, TypeError, SyntaxError)
+
+
 @dataclass(frozen=True)
 class LabelledArrays:
     """remarks: what was left out, and why."""
@@ -49,12 +53,12 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise DatasetError(f"{path} does not exist")
     name = ""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {}
             for name in archive.files:
                 arrays[name] = archive[name]
             return arrays
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, TypeError, AttributeError) as error:
+    except (*_BROKEN, AttributeError) as error:  # no attribute `files`: a .npy by another name
         if "allow_pickle" in str(error):
             raise DatasetError(
                 f"{path}: array {name!r} holds Python objects, which are not unpickled. Clouds of unequal length: "

@@ -249,6 +249,8 @@ SEEDS = [
     (".pcd", PCD.format("binary").encode() + rows("<u4")),
     (".pcd", PCD.format("binary_compressed").encode() + compressed_pcd(COLUMNS)),
     (".xyz", text()),
+    (".csv", b'x,y,z,"r"\n' + text().replace(b" ", b",")),
+    (".ply", PLY.format("ascii").encode() + b"end_header\n" + text().replace(b" 7", b"\n7")),
     (".npy", npy(POINTS)),
     (".npz", npz(points=POINTS)),
     (".npz", npz(depth=np.ones((2, 2)), K=np.array([[2.0, 0, 1], [0, 2, 1], [0, 0, 1]]))),
