@@ -7,7 +7,7 @@ was not built yet, it has not, and the planner takes the references.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,10 +33,9 @@ from grasping.curvature_planner.scoring import (
     ALIKE_HEADING,
     ALIKE_PLACE,
     ALIKE_TIP,
-    FAR_FROM_CENTRE,
     OVERLAP,
     REFINED,
-    WEIGHTS,
+    weights_of,
 )
 from grasping.geometry.primitives import FLAT
 
@@ -134,24 +133,25 @@ class CompiledBackend:
         return RegionMeasures(order, table[:found], measures[:, :2], measures[:, 2:4], measures[:, 4])
 
 
-@cache
+@lru_cache(16)  # rules follow the object where it is low, or long and heavy
 def _numbers(rules: Rules) -> FloatArray:
     """What the C struct `Rules` is filled with, in its order."""
     shares, depths = zip(*OVERLAP, strict=True)
-    sums = [sum(WEIGHTS[name] for name in names) for names in (list(WEIGHTS)[1:], WEIGHTS)]
+    weights = weights_of(rules.weight_of_centre)
+    sums = [sum(weights[name] for name in names) for names in (list(weights)[1:], weights)]
     return np.array(
         [
             *(rules.pad_width, rules.stroke, rules.finger_thickness),
             *(rules.finger_room, rules.wished_room, rules.greatest_width, rules.reach),
             *(rules.steepest, rules.parallel, rules.steepest + BLUR),
-            *(rules.least_overlap, LEAST_CONTACT, MOST_CLEARANCE, FAR_FROM_CENTRE),
+            *(rules.least_overlap, LEAST_CONTACT, MOST_CLEARANCE, rules.far_from_centre),
             *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),
             *(PLACE, HEADING, WIDTH, SAME_PLACE, SAME_HEADING, SAG, SLIDE),
             *(SLID, CENTRED, CANDIDATES),
             *depths,
             *shares,
             *sums,
-            *WEIGHTS.values(),
+            *weights.values(),
         ],
         dtype=np.float64,
     )

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasping.curvature_planner.approach_view import ApproachView
-from grasping.curvature_planner.approaches import approaches_from_above, approaches_without_table
+from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
+from grasping.curvature_planner.approaches import CELL, approaches_from_above, approaches_without_table
 from grasping.curvature_planner.backend import Backend
 from grasping.curvature_planner.compiled_backend import AVAILABLE, CompiledBackend
 from grasping.curvature_planner.contact_refinement import CONTACT_BAND
@@ -33,6 +33,7 @@ from grasping.curvature_planner.finger_scan import Candidates
 from grasping.curvature_planner.numpy_backend import NumpyBackend
 from grasping.curvature_planner.ranking import LEAST_OVERLAP, Ranked, Rules
 from grasping.curvature_planner.region_report import ObjectReport, report_regions
+from grasping.curvature_planner.scoring import leverage
 from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
@@ -185,8 +186,8 @@ class CurvaturePlanner:
         typical = float(view.points[2, view.points.shape[1] // 2]) - view.floor
         clearance = min(self.tip_clearance, max(LEAST_TIP_CLEARANCE, TIP_SHARE * typical))
         rules = self._rules_tilted if view.tilt else self._rules
-        if not view.tilt and OVERLAP_SHARE * typical < rules.least_overlap:
-            rules = replace(rules, least_overlap=OVERLAP_SHARE * typical)
+        if not view.tilt:
+            rules = _for_object(view, rules, OVERLAP_SHARE * typical)
         lowest = max(view.floor + clearance, top - self._reach)
         deepest_top = top - rules.least_overlap
         if deepest_top <= lowest:
@@ -247,3 +248,11 @@ class CurvaturePlanner:
             Grasp(pose, width, score, "primitive" if all_of_it else "region", None if all_of_it else region, terms)
             for pose, width, score, all_of_it, region, terms in zip(*columns, strict=True)
         ]
+
+
+def _for_object(view: ApproachView, rules: Rules, overlap: float) -> Rules:
+    """The rules for what is low, where an overlap (m) less than usual must do, and for what is long and heavy."""
+    x, y, height = view.points
+    tops = last_in_cells(x, y, CELL)
+    far, weight = leverage(x[tops], y[tops], float(height[tops].sum()) * CELL**2, view.centre)
+    return replace(rules, least_overlap=min(rules.least_overlap, overlap), far_from_centre=far, weight_of_centre=weight)

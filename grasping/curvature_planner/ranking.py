@@ -12,7 +12,15 @@ from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.contact_refinement import Contacts, refine
 from grasping.curvature_planner.finger_scan import Candidates
 from grasping.curvature_planner.grasp_clusters import SAG, RefinedCandidates, cluster, to_either_side
-from grasping.curvature_planner.scoring import best_unlike, centre_term, clip, overlap_term, weigh
+from grasping.curvature_planner.scoring import (
+    FAR_FROM_CENTRE,
+    WEIGHTS,
+    best_unlike,
+    centre_term,
+    clip,
+    overlap_term,
+    weigh,
+)
 
 FloatArray = NDArray[np.float64]
 Terms = dict[str, FloatArray]
@@ -47,6 +55,8 @@ class Rules:
     reach: float  # from the tips to the palm
     friction: float
     least_overlap: float = LEAST_OVERLAP
+    far_from_centre: float = FAR_FROM_CENTRE  # at which the term "centre" is 0
+    weight_of_centre: float = WEIGHTS["centre"]
 
     @property
     def steepest(self) -> float:
@@ -105,7 +115,8 @@ def _try(view: ApproachView, candidates: Candidates, whole: FloatArray, rules: R
         reach=rules.reach,
     )
     refused = np.any(_against(contacts, rules), axis=0)
-    return RefinedCandidates(contacts, whole, np.where(refused, -np.inf, weigh(_terms(view, contacts, whole, rules))))
+    score = weigh(_terms(view, contacts, whole, rules), rules.weight_of_centre)
+    return RefinedCandidates(contacts, whole, np.where(refused, -np.inf, score))
 
 
 def _against(contacts: Contacts, rules: Rules) -> list[NDArray[np.bool_]]:
@@ -126,11 +137,12 @@ def _coarse_score(view: ApproachView, candidates: Candidates, rules: Rules) -> F
         {
             "angle": clip(1.0 - candidates.angle / (rules.steepest + BLUR)),
             "overlap": overlap_term(candidates.overlap),
-            "centre": centre_term(candidates.x, candidates.y, view.centre),
+            "centre": centre_term(candidates.x, candidates.y, view.centre, rules.far_from_centre),
             "room": candidates.room,
             "narrow": 1.0 - candidates.width / rules.stroke,
             "whole": candidates.whole.astype(np.float64),
-        }
+        },
+        rules.weight_of_centre,
     )
     return np.where(candidates.overlap >= rules.least_overlap, score, score - 1.0)
 
@@ -142,7 +154,7 @@ def _terms(view: ApproachView, contacts: Contacts, whole: FloatArray, rules: Rul
         "contact": contacts.contact,
         "angle": clip((rules.steepest - contacts.angle) / (rules.steepest - rules.parallel)),
         "overlap": overlap_term(contacts.overlap),
-        "centre": centre_term(contacts.x, contacts.y, view.centre),
+        "centre": centre_term(contacts.x, contacts.y, view.centre, rules.far_from_centre),
         "room": clip(spare),
         "narrow": clip(1.0 - contacts.width / rules.stroke),
         "whole": whole,

@@ -26,11 +26,33 @@ REFINED = 16  # candidates of the coarse scan that are looked at closely
 ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # candidates nearer than this are one
 ALIKE_TIP = 0.0225  # m
 FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
+DENSITY, GRAVITY = 500.0, 9.81  # kg/m³, of a household thing, part plastic, part air
+HELD_TORQUE, MOST_TORQUE = 0.2, 3.0  # N·m that pads hold against turning about them at 20 N; times that
 
 
-def weigh(terms: dict[str, FloatArray]) -> FloatArray:
+def weights_of(weight_of_centre: float) -> dict[str, float]:
+    """WEIGHTS, but for that of the term "centre"."""
+    return {**WEIGHTS, "centre": weight_of_centre}
+
+
+def leverage(x: FloatArray, y: FloatArray, volume: float, centre: FloatArray) -> tuple[float, float]:
+    """How far from the centre of mass the term "centre" is 0, m, and its weight, for an object that covers x and y.
+
+    The term falls by as much a metre on a long object as on a short one, to its far end. Where the weight of what is
+    filled down to the table (volume, m³), held there, would turn the object between the pads, it counts more by how
+    many times it would.
+    """
+    x, y = x - centre[0], y - centre[1]
+    farthest = math.sqrt(float((x * x + y * y).max()))
+    far = max(FAR_FROM_CENTRE, farthest)
+    turning = DENSITY * volume * GRAVITY * farthest / HELD_TORQUE
+    return far, WEIGHTS["centre"] * (far / FAR_FROM_CENTRE) * min(max(turning, 1.0), MOST_TORQUE)
+
+
+def weigh(terms: dict[str, FloatArray], weight_of_centre: float) -> FloatArray:
     """Weighted mean of those terms that have a weight."""
-    weights = {name: WEIGHTS[name] for name in terms if name in WEIGHTS}
+    known = weights_of(weight_of_centre)
+    weights = {name: known[name] for name in terms if name in known}
     return sum((weight * terms[name] for name, weight in weights.items()), np.zeros(())) / sum(weights.values())
 
 
@@ -40,10 +62,10 @@ def overlap_term(overlap: FloatArray) -> FloatArray:
     return first * clip(overlap / shallow) + second * clip(overlap / deep) + third * clip(overlap / deepest)
 
 
-def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray) -> FloatArray:
-    """1 at the centre of mass."""
+def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray, far: float) -> FloatArray:
+    """1 at the centre of mass, 0 as far (m) from it."""
     x, y = x - centre[0], y - centre[1]
-    return clip(1.0 - np.sqrt(x * x + y * y) / FAR_FROM_CENTRE)
+    return clip(1.0 - np.sqrt(x * x + y * y) / far)
 
 
 def clip(share: FloatArray) -> FloatArray:
