@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,13 @@ _NAMES = {
     **{f"{axis}{unit}": axis for axis in "xyz" for unit in ("", "_m", "_mm")},
     **{f"points{mark}{k}": axis for k, axis in enumerate("xyz") for mark in ":_"},  # ParaView's
 }
+_INNER_COMMA = re.compile(r"\d,\d")
 _WHOLE = re.compile(r"[+-]?\d{1,2}")
 _FRACTION = re.compile(r"\d+([eE][+-]?\d+)?")
 _COMMAS = ": decimal commas? Write decimal points, and commas or semicolons between the numbers only"
 
 
-@dataclass(frozen=True)
-class _Row:
+class _Row(NamedTuple):
     number: int
     fields: list[str]
 
@@ -68,6 +68,8 @@ def _without_comment(line: str) -> tuple[str, str]:
     """What stands before a #, a // or a % that begins a line, and what behind it."""
     if line.startswith("%"):
         return "", line.strip("% \t")
+    if "#" not in line and "//" not in line:
+        return line.strip(), ""
     content, _, remark = line.replace("//", "#", 1).partition("#")
     return content.strip(), remark.strip("#/ \t")
 
@@ -79,11 +81,10 @@ def _fields(content: str, number: int) -> list[str]:
         return [field.strip() for field in content.split(";")]
     if "," not in bare:
         return bare.split()
-    if not re.search(r"\s", content):
+    if " " not in content and "\t" not in content:
         return content.split(",")
     # Blanks, too: with a comma at their side they are its own, otherwise a comma without blanks is in a number.
-    words = re.split(r"\s*,\s+|\s+,\s*|\s+", bare)
-    for word in words:
+    for word in re.split(r"\s*,\s+|\s+,\s*|\s+", bare) if _INNER_COMMA.search(bare) else ():
         if has_comma(word):
             raise CloudError(f"line {number}: {word[:40]!r} is not a number{way_out(word)}")
     return [field.strip() for field in content.split(",")]
