@@ -14,6 +14,7 @@ from gymnasium import spaces
 from pecgrasp_env.envs.cloud_observation import CLOUD_HIGH, CLOUD_LOW
 from pecgrasp_env.envs.contacts import FORCE_RANGE_N
 from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.sensor.maniskill_camera import LARGEST_FOCAL_LENGTH
 from pecgrasp_env.sensor.sapien_depth import FAR
 
 _ROOM = 100.0  # m: nothing that slides or rolls off gets further before the episode ends
@@ -21,7 +22,6 @@ _ROUNDING = 1.001  # of unit quaternions and rotation matrices
 _ARM = 2 * np.pi + 0.1  # rad: the joints' limits, and how far a knock may push one past them
 _POSE = np.array([_ROOM] * 3 + [_ROUNDING] * 4)
 _QPOS = np.array([[-_ARM] * 6 + [-1.1] * 4, [_ARM] * 6 + [1.3] * 4])
-_LARGEST_FOCAL_LENGTH = 2000.0  # px
 
 
 def bounds(path: str, shape: tuple[int, ...], control_freq: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -57,8 +57,9 @@ _RANGES: dict[str, tuple[Any, Any]] = {
 _OF_CAMERA: dict[str, tuple[Any, Any]] = {
     "depth": (0.0, FAR),
     "position": (-2000 * FAR, 2000 * FAR),  # mm
+    "normal": (-_ROUNDING, _ROUNDING),
     "xyzw": (-_ROOM, _ROOM),
-    "intrinsic_cv": (0.0, _LARGEST_FOCAL_LENGTH),
+    "intrinsic_cv": (0.0, LARGEST_FOCAL_LENGTH),
     "extrinsic_cv": (-_ROOM, _ROOM),
     "cam2world_gl": (-_ROOM, _ROOM),
 }

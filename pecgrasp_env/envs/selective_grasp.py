@@ -20,24 +20,24 @@ from mani_skill.utils.registration import register
 from mani_skill.utils.structs.pose import Pose
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
-from pecgrasp_env.envs import reward
+from pecgrasp_env.envs import reward, validation
 from pecgrasp_env.envs import task_state as outcome
 from pecgrasp_env.envs.cloud_observation import sample_cloud
 from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
 from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
+from pecgrasp_env.envs.reset_options import read_options
 from pecgrasp_env.envs.validation import TaskError, take_options
-from pecgrasp_env.objects import open_objects
+from pecgrasp_env.envs.words import Words
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
 from pecgrasp_env.robot.pad_contact import both_press, outward
 from pecgrasp_env.scene import table as workbench
-from pecgrasp_env.scene.actors import Recipe, SceneObjects
+from pecgrasp_env.scene.actors import Recipe, SceneObjects, Wish
 from pecgrasp_env.scene.clutter import lay_out
 from pecgrasp_env.scene.placement import REGION, WIDE_REGION
 from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
-from pecgrasp_env.sensor.maniskill_camera import LIT, UNLIT, sense
-from pecgrasp_env.sensor.sapien_depth import FAR, NEAR
+from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides, sense
 
 _FAR_APART = 0.03  # m, clearance from which on PhysX's persistent contact manifolds do no harm, see `fall`
 _MOST_IN_REGION = 5  # more objects are laid out in the wide one
@@ -85,9 +85,11 @@ class SelectiveGraspEnv(BaseEnv):
     |---|---|---|---|
     | cloud | (cloud_points, 3) | m; base | points more than 5 mm above the table, sampled by seed, step and pixel |
 
-    ManiSkill's visual modes (`depth`, `depth+segmentation`, `rgb+depth`, `pointcloud`, …) give all that the wrist
-    camera, `wrist_camera`, sees. Depth is float32 in metres along the optical axis and 0 where there is none; point
-    clouds are in the world frame, their fourth value is 0 where there is no point.
+    ManiSkill's visual modes give all that the wrist camera, `wrist_camera`, sees: `pointcloud`, `rgbd`, or one or more
+    of `rgb`, `depth`, `segmentation`, `position`, `normal`, `albedo` joined by +, to which `state` or `state_dict` may
+    be added. Depth is float32 in metres along the optical axis and 0 where there is none; point clouds are in the world
+    frame, their fourth value is 0 where there is no point; normals are in the camera's frame, OpenGL axes.
+    `sensor_data` gives the renderer's own textures, before the sensor; `none` nothing.
 
     ## Rewards
     `sparse`: 1 on success, −1 on failure, else 0.
@@ -122,6 +124,16 @@ class SelectiveGraspEnv(BaseEnv):
     are those of the seed of `reset(seed=…, options={"reconfigure": True})`. Randomised: instances, resting poses,
     places, the asked-for class, the arm's posture, the sensor's noise; with the arguments below friction, mass, light.
 
+    `reset(seed=…, options={…})` asks for what is drawn otherwise; seed and options fix the episode:
+    | option | meaning |
+    |---|---|
+    | target | the class that is asked for; new objects are drawn so that it is there, those that stay must have it |
+    | objects | what lies there, in this order: `n_objects` names of classes, of instances, or class/instance |
+    | reconfigure, env_idx, reset_to_env_states | ManiSkill's |
+
+    With `objects` the scene is built anew; of them one is asked for. With several sub-environments either may be a list
+    with one entry for each of those that are reset. Others raise `TaskError`.
+
     ## Episode End
     Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
     slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps. `info` says
@@ -137,14 +149,14 @@ class SelectiveGraspEnv(BaseEnv):
     | target_distance | from the pads' centre to the nearest object of the asked-for class, m |
     | grip_force | as `extra/force`, N |
     | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
-    | target | the asked-for class as text |
+    | target | the asked-for class as text, an array of words |
     | planner_reason | what was last given to `set_planner_reason` in this episode, or "" |
 
     ## Arguments
     | name | default | meaning |
     |---|---|---|
     | `n_objects` | 3 | objects on the table, 1 … 8; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
-    | `classes` | the five LARS classes | what may lie on the table, and the order of the one-hot vector |
+    | `classes` | None | what may lie there, in the one-hot's order; None: the LARS five, or all of a folder or source |
     | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
     | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another |
     | `same_class_twins` | False | the asked-for class lies there twice, either is right |
@@ -158,8 +170,12 @@ class SelectiveGraspEnv(BaseEnv):
     | `cloud_points` | 1024 | points of the observation mode `cloud` |
     | `reconfiguration_freq` | 1 with one sub-environment, else 0 | resets between draws of new objects; 0: draw once |
 
-    and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for images. Arguments that make no
-    sense raise `TaskError`; objects that do not fit on the table, `PlacementError` at the reset. A state
+    and those of `mani_skill.envs.sapien_env.BaseEnv`, among them `enable_shadow` for images, `sim_config` and
+    `sensor_configs`. The latter's `width`, `height`, `fov`, `intrinsic`, `near`, `far`, `pose` and `shader_pack` change
+    the wrist camera, for all sensors or under `wrist_camera`: with another size the horizontal field of view of
+    `resolution` stays, pixels are square and the principal point is central; `fov` (vertical, rad) or `intrinsic`
+    (3 × 3) take the place of the D435's focal length. Arguments that make no sense raise `TaskError` or `SensorError`,
+    unknown ones `TypeError`; objects that do not fit on the table, `PlacementError` at the reset. A state
     (`get_state_dict`, `get_state`) holds the task's memory, too; it fits the objects of its own episode.
     `num_envs` > 1 needs a GPU (`physx_cuda`). Never run: no GPU was at hand. On a CPU `SelectiveGraspSingle-v1` with
     `gymnasium.make_vec` runs many in as many processes.
@@ -178,22 +194,24 @@ class SelectiveGraspEnv(BaseEnv):
     def __init__(
         self,
         *args: Any,
-        robot_uids: str = UR5Robotiq2F140.uid,
+        robot_uids: Any = UR5Robotiq2F140.uid,
         obs_mode: str | None = None,
-        sensor_configs: dict | None = None,
+        sensor_configs: Mapping[str, Any] | None = None,
+        shader_dir: str | None = None,
         num_envs: int = 1,
+        sim_backend: str = "auto",
         reconfiguration_freq: int | None = None,
         **kwargs: Any,
     ) -> None:
         """kwargs: fields of `SceneOptions`, `SensingOptions` and `Randomisation` by name, and ManiSkill's."""
         self.layout, self.sensing, self.randomisation = take_options(kwargs)
-        self.classes = tuple(self.layout.classes)
-        objects = self.layout.objects
-        source = objects if isinstance(objects, Mapping) else {"path": objects}
-        self.source = objects if hasattr(objects, "load") else open_objects(**source, classes=self.classes)
-        missing = [name for name in self.classes if name not in self.source.classes]
-        if missing:
-            raise TaskError(f"classes={self.classes}: the objects have no class {', '.join(missing)}")
+        validation.check_base_arguments(BaseEnv, kwargs)
+        if kwargs.get("render_backend", "gpu") is None:
+            kwargs["render_backend"] = "none"
+        validation.check_obs_mode(obs_mode, kwargs.get("render_backend", "gpu"))
+        validation.check_simulator(num_envs, sim_backend, kwargs.get("parallel_in_single_scene", False))
+        robot = validation.check_robot(robot_uids, UR5Robotiq2F140)
+        self.source, self.classes = self.layout.open()
         self.recipe = Recipe(
             self.source,
             self.classes,
@@ -204,25 +222,33 @@ class SelectiveGraspEnv(BaseEnv):
         )
         self._only_cloud = obs_mode == "cloud"
         self._shown: dict[str, LazyImages] = {}
+        self._wishes = [Wish()] * num_envs
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
-        intrinsics = self.sensing.intrinsics
+        if reconfiguration_freq < 0:
+            raise TaskError(f"reconfiguration_freq={reconfiguration_freq}: must be 0 or more resets")
         # Light is computed only where colour is observed; point clouds carry the plain colours.
-        shader = LIT if "rgb" in (obs_mode or "") else UNLIT
-        camera = {
-            "width": intrinsics.width,
-            "height": intrinsics.height,
-            "fov": None,
-            "intrinsic": intrinsics.matrix,
-            "near": NEAR,
-            "far": FAR,
-        }
+        textures = {"rgbd": ["rgb"], "pointcloud": []}.get(obs_mode or "", (obs_mode or "").split("+"))
+        shader = {} if shader_dir is None else {"shader_pack": shader_dir}
+        intrinsics, camera, others = camera_overrides(
+            self.sensing.intrinsics, textures, shader | dict(sensor_configs or {})
+        )
+        if others and type(self)._default_sensor_configs is BaseEnv._default_sensor_configs:
+            raise TaskError(f"sensor_configs: no camera {', '.join(others)}, there is {CAMERA!r}")
+        if self._only_cloud and self.sensing.cloud_points > intrinsics.width * intrinsics.height:
+            size = f"{intrinsics.width}x{intrinsics.height}"
+            raise TaskError(f"cloud_points={self.sensing.cloud_points}: a picture of {size} has fewer pixels")
+        validation.claim_process()
+        for name in ("human_render_camera_configs", "viewer_camera_configs"):
+            kwargs[name] = shader | dict(kwargs.get(name) or {})
         super().__init__(
             *args,
-            robot_uids=robot_uids,
+            robot_uids=robot,
             obs_mode="depth" if self._only_cloud else obs_mode,
-            sensor_configs={"shader_config": shader, "wrist_camera": camera, **(sensor_configs or {})},
+            # ManiSkill's shaders have depth in whole millimetres; so other cameras, too, take this one's.
+            sensor_configs={"shader_config": camera["shader_config"], CAMERA: camera, **others},
             num_envs=num_envs,
+            sim_backend=sim_backend,
             reconfiguration_freq=reconfiguration_freq,
             **kwargs,
         )
@@ -259,7 +285,7 @@ class SelectiveGraspEnv(BaseEnv):
         # An asked-for object takes no fixed slot: its number in a segmentation image must not give it away.
         draws = [self._generator(i, _CHOICE) for i in range(self.num_envs)]
         physics = [self._generator(i, _PHYSICS) for i in range(self.num_envs)]
-        self.table = SceneObjects(self, self.recipe, draws, physics)
+        self.table = SceneObjects(self, self.recipe, draws, physics, self._wishes)
         self.models, self.objects = self.table.models, self.table.actors
         self.memory = outcome.Memory.empty(self.table.instances)
         self.target_names = [""] * self.num_envs
@@ -282,7 +308,9 @@ class SelectiveGraspEnv(BaseEnv):
         qpos = np.tile(home, (len(indices), 1))
         for row, i in enumerate(indices):
             rng = self._generator(i, _LAYOUT)
-            asked[row] = self.classes.index(self.models[i][int(rng.choice(self.table.askable[i]))].class_name)
+            drawn = self.classes.index(self.models[i][int(rng.choice(self.table.askable[i]))].class_name)
+            wanted = self._wishes[i].target
+            asked[row] = drawn if wanted is None else wanted
             poses[row] = lay_out(self.models[i], rng, region, layout.clutter, layout.clearance)
             qpos[row, :6] += rng.uniform(-layout.joint_noise, layout.joint_noise, size=6)
             noise[row] = self._generator(i, _NOISE).integers(2**31)
@@ -314,12 +342,35 @@ class SelectiveGraspEnv(BaseEnv):
 
     # ------------------------------------------------------------- evaluation
 
-    def reset(self, *args: Any, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        obs, info = super().reset(*args, **kwargs)
+    def reset(
+        self, seed: int | list[int] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """As ManiSkill's tasks; the card above says which ``options`` there are. Raises TaskError for others."""
+        theirs, self._wishes = read_options(
+            options,
+            self.source,
+            self.classes,
+            self.layout.n_objects,
+            self.layout.same_class_twins,
+            self.num_envs,
+        )
+        draws_anew = self._reconfig_counter == 0 and self.reconfiguration_freq != 0
+        if not (theirs.get("reconfigure") or draws_anew):
+            self._check_targets()
+        obs, info = super().reset(seed=seed, options=theirs)
         # Only now does a GPU know where the hand is.
         begun = torch.isnan(self.memory.potential)
         self.memory.potential = torch.where(begun, reward.reach(info["target_distance"]), self.memory.potential)
         return obs, info
+
+    def _check_targets(self) -> None:
+        for i, wish in enumerate(self._wishes):
+            there = [model.class_name for model in self.models[i]]
+            if wish.target is not None and self.classes[wish.target] not in there:
+                raise TaskError(
+                    f"options={{'target': {self.classes[wish.target]!r}}}: on the table are {', '.join(there)}, which "
+                    "stay there; new ones come with options={'reconfigure': True, …} or {'objects': […], …}"
+                )
 
     def _before_control_step(self) -> None:
         poses = self.table.poses()
@@ -340,8 +391,8 @@ class SelectiveGraspEnv(BaseEnv):
             **outcome.judge(self.memory, self.is_target, positions, air, held, self.control_freq),
             "target_distance": nearest.values,
             "grip_force": squeeze(forces, directions),
-            "target": list(self.target_names),
-            "planner_reason": list(self._planner_reasons),
+            "target": Words.of(self.target_names),
+            "planner_reason": Words.of(self._planner_reasons),
         }
 
     # ------------------------------------------------------------------ state

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +11,7 @@ import torch
 from gymnasium import spaces
 
 from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
-from pecgrasp_env.envs.validation import TaskError
+from pecgrasp_env.envs.validation import OBS_MODES, VECTORISED, ForkError, TaskError
 
 _NOT_HERE = {"num_envs", "reconfiguration_freq", "parallel_in_single_scene"}
 _LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-. "
@@ -28,14 +28,14 @@ class SelectiveGraspSingleEnv(gym.Env):
     That of SelectiveGrasp-v1, `Box(8,)` float32; here the default `control_mode` is `pd_ee_delta_pose`, all in [−1, 1].
 
     ## Observation Space
-    That of SelectiveGrasp-v1 in the `obs_mode`, by default `state`, one vector. All numbers have finite bounds. With
-    `text_target`, in modes that are dictionaries, `target_name` is the asked-for class as a word.
+    That of SelectiveGrasp-v1 in the `obs_mode`, any but `none`; by default `state`, one vector. All numbers have
+    finite bounds. With `text_target`, in modes that are dictionaries, `target_name` is the asked-for class as a word.
 
     ## Rewards
     Those of SelectiveGrasp-v1.
 
     ## Starting State
-    That of SelectiveGrasp-v1 with the same seed; every episode has new objects.
+    That of SelectiveGrasp-v1 with the same seed, and the same options of `reset`; every episode has new objects.
 
     ## Episode End
     As in SelectiveGrasp-v1.
@@ -51,21 +51,36 @@ class SelectiveGraspSingleEnv(gym.Env):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012
+    _newest: ClassVar[tuple[spaces.Box, spaces.Space] | None] = None  # spaces of the one made last in this process
 
     def __init__(self, render_mode: str | None = None, text_target: bool = False, **kwargs: Any) -> None:
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
             raise TaskError(f"render_mode={render_mode!r}: must be None or one of {modes}")
         for name in _NOT_HERE & kwargs.keys():
-            raise TaskError(f"{name}={kwargs[name]!r}: SelectiveGrasp-v1 takes it, not the single environment")
+            many = f". Many single ones: {VECTORISED.format(n=kwargs[name])}" if name == "num_envs" else ""
+            raise TaskError(f"{name}={kwargs[name]!r}: SelectiveGrasp-v1 takes it, not the single environment{many}")
+        if kwargs.get("obs_mode") == "none":
+            modes = OBS_MODES.replace("none, ", "")
+            raise TaskError(f"obs_mode='none': a Gymnasium environment observes something, so one of {modes}")
         defaults = {"control_mode": "pd_ee_delta_pose", "sim_backend": "physx_cpu"}
-        self.task = SelectiveGraspEnv(**(defaults | kwargs), render_mode=render_mode)
         self.render_mode = render_mode
+        self._text_target = text_target
+        self._fork: ForkError | None = None
+        try:
+            self.task = SelectiveGraspEnv(**(defaults | kwargs), render_mode=render_mode)
+        except ForkError as error:
+            # In a worker of AsyncVectorEnv. It would end here, and the user read "connection reset"; an error of the
+            # first reset is told instead, and until then only spaces are asked for: those of the parent's own one.
+            if self._newest is None:
+                raise
+            self._fork = error
+            self.action_space, self.observation_space = self._newest
+            return
         self.action_space = spaces.Box(
             self.task.single_action_space.low, self.task.single_action_space.high, dtype=np.float32
         )
-        self.observation_space = self.task.single_observation_space
-        self._text_target = text_target
+        self.observation_space = _without_empty(self.task.single_observation_space)
         if text_target:
             if not isinstance(self.observation_space, spaces.Dict):
                 raise TaskError(f"text_target={text_target}: obs_mode={self.task.obs_mode!r} is no dictionary")
@@ -73,8 +88,11 @@ class SelectiveGraspSingleEnv(gym.Env):
             letters = "".join(sorted({*_LETTERS, *"".join(self.task.classes)}))
             word = spaces.Text(longest, min_length=1, charset=letters)
             self.observation_space = spaces.Dict({**self.observation_space.spaces, "target_name": word})
+        SelectiveGraspSingleEnv._newest = (self.action_space, self.observation_space)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        if self._fork is not None:
+            raise self._fork
         super().reset(seed=seed)
         episode = seed if seed is not None else int(self.np_random.integers(2**31))
         obs, info = self.task.reset(seed=episode, options=options)
@@ -97,7 +115,8 @@ class SelectiveGraspSingleEnv(gym.Env):
         return None
 
     def close(self) -> None:
-        self.task.close()
+        if self._fork is None:
+            self.task.close()
 
     def set_planner_reason(self, reason: str) -> None:
         """As `SelectiveGraspEnv.set_planner_reason`."""
@@ -108,11 +127,20 @@ class SelectiveGraspSingleEnv(gym.Env):
         return {**plain, "target_name": info["target"][0]} if self._text_target else plain
 
 
+def _without_empty(space: spaces.Space) -> spaces.Space:
+    """Without dictionaries that hold nothing, such as ManiSkill leaves where the images became a point cloud."""
+    if not isinstance(space, spaces.Dict):
+        return space
+    inner = {key: _without_empty(each) for key, each in space.spaces.items()}
+    return spaces.Dict({key: each for key, each in inner.items() if not isinstance(each, spaces.Dict) or each.spaces})
+
+
 def _plain(value: Any) -> Any:
-    """Without the batch axis, copied: mappings of arrays, and numbers where there is one number."""
+    """Without the batch axis, copied: mappings that are not empty, arrays, and numbers where there is one number."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
+        inner = {key: _plain(item) for key, item in value.items()}
+        return {key: item for key, item in inner.items() if not isinstance(item, dict) or item}
+    if isinstance(value, np.ndarray):  # words
         return value[0]
     if not isinstance(value, torch.Tensor):
         return value

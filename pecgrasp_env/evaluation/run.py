@@ -47,14 +47,6 @@ class Protocol:
     policy: dict[str, Any]
 
     def make_env(self, **kwargs: Any) -> gym.Env:
-        from pecgrasp_env.objects import open_objects
-
-        arguments = {name: value for name, value in self.env.items() if (name, value) != ("classes", None)}
-        objects = arguments.get("objects")
-        if isinstance(objects, dict):
-            arguments["objects"] = open_objects(**objects, classes=arguments.get("classes"))
-            if objects.get("path") is not None:
-                arguments["classes"] = arguments["objects"].classes  # of a folder, all that it has
         return gym.make(
             "SelectiveGrasp-v1",
             **{
@@ -63,7 +55,7 @@ class Protocol:
                 "reward_mode": "sparse",
                 "sim_backend": "physx_cpu",
                 "render_backend": "cpu",
-                **arguments,
+                **self.env,
                 **kwargs,
             },
         )
@@ -79,9 +71,14 @@ class Protocol:
             from pec import Classifier
 
             return Classifier.load(self.checkpoint)
-        classes = list(self.env.get("classes") or [])
+        from pecgrasp_env.envs.validation import open_source
+
+        _, classes = open_source(self.env.get("objects"), self.env.get("classes"))
         if len(classes) != 1:
-            raise EvaluationError(f"checkpoint=null: one class on the table needs no classifier, {len(classes)} do")
+            raise EvaluationError(
+                f"checkpoint=null: one class on the table needs no classifier, {', '.join(classes)} do. Give "
+                f"checkpoint=DIR of a trained one, or env.classes=[{classes[0]}] env.n_objects=1"
+            )
         return None
 
 

@@ -24,6 +24,17 @@ MAX_DEPENETRATION_SPEED = 2.0
 
 
 @dataclass(frozen=True)
+class Wish:
+    """What a sub-environment's reset asks for instead of drawing it.
+
+    target: index of the asked-for class. objects: class and number of the instance (None: drawn) of every object.
+    """
+
+    target: int | None = None
+    objects: tuple[tuple[str, int | None], ...] | None = None
+
+
+@dataclass(frozen=True)
 class Recipe:
     """What may lie on a table.
 
@@ -39,8 +50,11 @@ class Recipe:
     friction: tuple[float, float] | None
     mass_scale: tuple[float, float] | None
 
-    def draw(self, rng: np.random.Generator) -> list[ObjectModel]:
-        slots = choice.draw_classes(len(self.classes), self.n_objects, self.twins, rng)
+    def draw(self, rng: np.random.Generator, wish: Wish) -> list[ObjectModel]:
+        if wish.objects is not None:
+            names, numbers = zip(*wish.objects, strict=True)
+            return choice.draw_instances(self.source, names, rng, numbers)
+        slots = choice.draw_classes(len(self.classes), self.n_objects, self.twins, rng, wish.target)
         return choice.draw_instances(self.source, [self.classes[i] for i in slots], rng)
 
     def draw_physics(self, rng: np.random.Generator) -> list[tuple[float, PhysxMaterial | None]]:
@@ -62,15 +76,22 @@ class SceneObjects:
     """
 
     def __init__(
-        self, env: BaseEnv, recipe: Recipe, draws: Sequence[np.random.Generator], physics: Sequence[np.random.Generator]
+        self,
+        env: BaseEnv,
+        recipe: Recipe,
+        draws: Sequence[np.random.Generator],
+        physics: Sequence[np.random.Generator],
+        wishes: Sequence[Wish],
     ) -> None:
-        """draws, physics: generators, one for each sub-environment."""
-        self.models = [recipe.draw(rng) for rng in draws]
+        """draws, physics, wishes: one for each sub-environment."""
+        self.models = [recipe.draw(rng, wish) for rng, wish in zip(draws, wishes, strict=True)]
         self._physics = [recipe.draw_physics(rng) for rng in physics]
         self.actors = [self._build(env, slot) for slot in range(recipe.n_objects)]
         classes = [[recipe.classes.index(model.class_name) for model in models] for models in self.models]
         self.slot_class = torch.tensor(classes, device=env.device)
-        self.askable = [choice.askable(np.array(row), recipe.twins) for row in classes]
+        # Of objects that were asked for by name, all may be where none is there as often as usual.
+        usual = [choice.askable(np.array(row), recipe.twins) for row in classes]
+        self.askable = [slots if len(slots) else np.arange(recipe.n_objects) for slots in usual]
         names = [(name, instance) for name in recipe.classes for instance in recipe.source.names(name)]
         numbers = [[names.index((model.class_name, model.instance)) for model in models] for models in self.models]
         self.instances = torch.tensor(numbers, device=env.device)

@@ -101,6 +101,14 @@ def _numpy(obs):
     return {k: _numpy(v) if isinstance(v, dict) else v.numpy() for k, v in obs.items()}
 
 
+@pytest.mark.parametrize("robot", [UR5Robotiq2F140, (UR5Robotiq2F140.uid,)])
+def test_all_classes_of_an_opened_source_may_lie_there(robot):
+    source = Catalogue(("bowl", "can"), instances_per_class=1)
+    environment = make(objects=source, n_objects=2, robot_uids=robot, render_backend=None)
+    assert environment.unwrapped.classes == ("bowl", "can")
+    environment.close()
+
+
 def test_the_flat_state_is_one_vector():
     environment = make(obs_mode="state")
     obs, _ = environment.reset(seed=1)
@@ -328,7 +336,22 @@ def test_dense_rewards_keep_their_bounds(env):
         ({"classes": ("mouse", "can"), "n_objects": 1}, TaskError, "can"),
         ({"classes": ("mouse", "unicorn"), "n_objects": 1, "objects": None}, ObjectError, "unicorn"),
         ({"clearance": 0.6}, PlacementError, "clearance=0.6"),
-        ({"n_object": 2}, TypeError, "n_object"),
+        ({"n_object": 2}, TypeError, "n_object=2.*mean n_objects"),
+        ({"control_freq": 10}, TypeError, "sim_config"),
+        ({"robot_uids": "panda"}, TaskError, "robot_uids='panda'.*ur5_robotiq_2f140"),
+        ({"sim_backend": "mujoco"}, TaskError, "sim_backend='mujoco'.*physx_cpu"),
+        ({"num_envs": 0}, TaskError, "num_envs=0"),
+        ({"obs_mode": "depth+smell"}, TaskError, "depth.smell.*pointcloud, cloud.*rgb, depth"),
+        ({"obs_mode": "depth", "render_backend": "none"}, TaskError, "needs a renderer"),
+        ({"render_mode": "film"}, TaskError, "render_mode='film'.*rgb_array"),
+        ({"reward_mode": "film"}, TaskError, "reward_mode='film'.*dense"),
+        ({"reconfiguration_freq": -1}, TaskError, "reconfiguration_freq=-1"),
+        ({"parallel_in_single_scene": True}, TaskError, "parallel_in_single_scene"),
+        ({"sensor_configs": {"base_camera": {"width": 8}}}, TaskError, "base_camera.*wrist_camera"),
+        ({"sensor_configs": {"widht": 8}}, SensorError, "widht=8"),
+        ({"objects": {"classes": ["can"]}}, TaskError, "classes are said beside it"),
+        ({"objects": Catalogue(("can",), 1)}, TaskError, "n_objects=3.*n_objects=1"),
+        ({"classes": ("can",), "n_objects": 1}, TaskError, "no class can, they have joypad"),
     ],
 )
 def test_arguments_that_make_no_sense_are_named(kwargs, error, words):

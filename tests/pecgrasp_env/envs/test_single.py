@@ -119,9 +119,9 @@ def test_the_asked_for_class_is_there_as_a_word_and_as_a_number():
 
 
 def test_a_cpu_simulates_one_batch_of_one_and_many_single_ones():
-    """ManiSkill refuses a batch on the CPU and says so; `make_vec` of single ones is the way there."""
+    """A batch on the CPU is refused, with the way there: `make_vec` of single ones."""
     options = {"render_backend": "cpu", "objects": SOURCE, "obs_mode": "state"}
-    with pytest.raises(RuntimeError, match="have multiple environments"):
+    with pytest.raises(TaskError, match=r"num_envs=4.*make_vec\(.SelectiveGraspSingle-v1., num_envs=4.*spawn"):
         gym.make("SelectiveGrasp-v1", num_envs=4, sim_backend="physx_cpu", **options)
     vector = gym.make_vec("SelectiveGraspSingle-v1", num_envs=4, vectorization_mode="sync", **options)
     seeds = [3, 4, 5, 3]
@@ -164,10 +164,20 @@ def test_processes_agree_with_one_another_and_with_this_one():
     single.close()
 
 
+@pytest.mark.parametrize("obs_mode", ["pointcloud", "sensor_data", "segmentation+state"])
+def test_every_mode_but_none_is_a_gymnasium_environment(obs_mode):
+    env = make(obs_mode=obs_mode, sensor_configs={"width": 32, "height": 24})
+    obs, _ = env.reset(seed=0)
+    assert env.observation_space.contains(obs)
+    assert env.observation_space.contains(env.step(env.action_space.sample())[0])
+    env.close()
+
+
 @pytest.mark.parametrize(
     ("kwargs", "words"),
     [
-        ({"num_envs": 2}, "num_envs=2"),
+        ({"num_envs": 2}, "num_envs=2.*make_vec.*spawn"),
+        ({"obs_mode": "none"}, "obs_mode='none'.*state, state_dict, sensor_data"),
         ({"render_mode": "film"}, "render_mode='film'"),
         ({"text_target": True}, "text_target=True"),
         ({"obs_mode": "cloud", "cloud_points": 0}, "cloud_points=0"),

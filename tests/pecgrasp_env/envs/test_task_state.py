@@ -226,7 +226,7 @@ def test_either_twin_may_be_lifted_and_neither_is_the_wrong_one():
     _, info = environment.reset(seed=0)
     task = environment.unwrapped
     twins = task.is_target[0].nonzero()[:, 0].tolist()
-    assert [task.models[0][i].class_name for i in twins] == info["target"] * 2
+    assert [task.models[0][i].class_name for i in twins] == list(info["target"]) * 2
     for slot, actor in enumerate(task.objects):
         pose = actor.pose.raw_pose.clone()
         actor.set_pose(raised(actor, 0.2))

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.evaluation.episode import OUTCOMES, Episode
 from pecgrasp_env.evaluation.run import EvaluationError, Protocol, read_episodes, run_episodes
 from pecgrasp_env.evaluation.summary import summarise, table
@@ -75,7 +76,7 @@ def test_an_error_is_replaced_by_an_episode(tmp_path):
 def test_no_workers_and_no_classifier_are_refused(tmp_path):
     with pytest.raises(EvaluationError, match="workers=0"):
         run_episodes(PROTOCOL, [1], tmp_path, workers=0)
-    with pytest.raises(EvaluationError, match=r"checkpoint=null: .* 2 do"):
+    with pytest.raises(EvaluationError, match=r"checkpoint=null: .* do\. Give checkpoint=DIR"):
         Protocol({"classes": ["mouse", "can"]}, None, PROTOCOL.planner, {}).make_policy()
 
 
@@ -92,6 +93,15 @@ def test_the_classes_of_a_mesh_folder_are_those_that_may_be_asked_for(tmp_path):
     assert env.unwrapped.classes == ("brick", "stick")
     assert env.reset(seed=0)[1]["target"][0] in ("brick", "stick")
     env.close()
+
+
+def test_a_folder_of_one_class_needs_no_classifier(tmp_path):
+    (tmp_path / "brick").mkdir()
+    trimesh.creation.box((0.05, 0.05, 0.04)).export(tmp_path / "brick" / "one.ply")
+    protocol = Protocol({"objects": {"path": str(tmp_path)}}, None, PROTOCOL.planner, {})
+    assert protocol.make_policy() is not None
+    with pytest.raises(TaskError, match=r"n_objects=3.*n_objects=1"):
+        protocol.make_env()
 
 
 @pytest.fixture(scope="module")
