@@ -28,12 +28,10 @@ from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.evaluation.summary import summarise
+from pecgrasp_env.learning.control_modes import CONTROL_MODES, from_joint_targets
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.robot.gripper_linkage import MAX_FORCE, MIN_FORCE, STROKE
 
-CONTROL_MODES = ("pd_joint_pos", "pd_joint_delta_pos")
 KEEP = ("success", "all")
-_DELTA_RAD = 0.1  # of ±1 in pd_joint_delta_pos
 
 
 class DemonstrationError(ValueError):
@@ -46,8 +44,8 @@ class Recording:
 
     env: keyword arguments of SelectiveGrasp-v1; ``objects`` may be a mapping of arguments of `open_objects`.
     checkpoint, planner, policy: of the expert, as in `pecgrasp_env.evaluation.Protocol`.
-    control_mode: one of CONTROL_MODES. The expert thinks in the first; the second takes the arm to the same targets, up
-    to 0.1 rad a step.
+    control_mode: one of CONTROL_MODES. The expert thinks in pd_joint_pos; the others take the arm to the same targets,
+    as far as a step of them goes.
     """
 
     env: dict[str, Any]
@@ -172,13 +170,11 @@ class _WithPictures(gym.ObservationWrapper):
         return self._seen.whole
 
 
-class _JointSteps(gym.ActionWrapper):
-    """Takes actions (8,) of pd_joint_pos and gives the robot those of pd_joint_delta_pos that go the same way."""
+class _InControlMode(gym.ActionWrapper):
+    """Takes actions (8,) of pd_joint_pos and gives the robot those of its control mode that go the same way."""
 
     def action(self, action: np.ndarray) -> np.ndarray:
-        q = self.unwrapped.agent.robot.get_qpos()[0, :6].numpy()
-        gripper = 2 * (action[6:] - [0.0, MIN_FORCE]) / [STROKE, MAX_FORCE - MIN_FORCE] - 1
-        return np.clip([*(action[:6] - q) / _DELTA_RAD, *gripper], -1, 1).astype(np.float32)
+        return from_joint_targets(self.unwrapped.agent, action)
 
 
 class _EpisodeRecorder:
@@ -191,7 +187,6 @@ class _EpisodeRecorder:
         expert = Protocol(recording.env, recording.checkpoint, recording.planner, recording.policy)
         self._policy: ScriptedPolicy = expert.make_policy()
         self._env = gym.make("SelectiveGrasp-v1", **recording.env_kwargs("depth+state_dict"))
-        self._in_steps = recording.control_mode == "pd_joint_delta_pos"
         self._folder = folder
 
     def run(self, seed: int) -> Episode:
@@ -207,8 +202,7 @@ class _EpisodeRecorder:
                 source_type="motionplanning",
                 source_desc="pecgrasp_env.ScriptedPolicy, which works from depth pictures",
             )
-            env: gym.Env = _WithPictures(recorder, seen)
-            episode = run_episode(_JointSteps(env) if self._in_steps else env, self._policy, seed)
+            episode = run_episode(_InControlMode(_WithPictures(recorder, seen)), self._policy, seed)
             recorder.close()
             content = json.loads(temporary.with_suffix(".json").read_text())
         content["episodes"][0]["expert"] = asdict(episode)

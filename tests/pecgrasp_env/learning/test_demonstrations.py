@@ -14,6 +14,7 @@ from mani_skill.trajectory.dataset import ManiSkillTrajectoryDataset, load_h5_da
 
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.learning.behaviour_cloning import CloningConfig, load, samples, train
+from pecgrasp_env.learning.control_modes import CONTROL_MODES
 from pecgrasp_env.learning.demonstrations import DemonstrationError, Recording, record
 from pecgrasp_env.learning.state_features import Moments, MomentsError, read_demonstrations, tool
 
@@ -92,6 +93,26 @@ def test_maniskills_tool_replays_them_by_their_states(recorded):
     assert [episode["success"] for episode in json.loads(replayed.read_text())["episodes"]] == [True, True]
 
 
+@pytest.mark.parametrize(
+    "mode", [pytest.param("pd_ee_delta_pose"), *(pytest.param(m, marks=pytest.mark.slow) for m in CONTROL_MODES[1:3])]
+)
+def test_maniskills_tool_takes_them_to_other_control_modes(recorded, mode):
+    import pecgrasp_env.replay  # noqa: F401  (puts the conversions in)
+
+    arguments = {"target_control_mode": mode, "save_traj": True, "obs_mode": "state"}
+    replay_trajectory.main(replay_trajectory.Args(str(recorded), **arguments))
+    with h5py.File(recorded.with_name(f"trajectory.state.{mode}.physx_cpu.h5")) as file:
+        assert [bool(file[name]["success"][-1]) for name in file] == [True, True]
+        assert all(np.isfinite(file[name]["actions"]).all() for name in file)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["pd_ee_pose", "pd_ee_delta_pose"])
+def test_tool_actions_are_recorded_and_lead_through_the_same_states(mode, tmp_path):
+    assert record(replace(RECORDING, control_mode=mode), SEEDS, tmp_path)["kept"] == 2
+    test_the_same_actions_lead_through_the_same_states(tmp_path / "trajectory.h5")
+
+
 def test_episodes_that_fail_are_kept_only_if_asked_for(tmp_path):
     """None does with a planner for a gripper that opens by 12 mm."""
     hand = {"_target_": "grasping.Gripper", **asdict(ROBOTIQ_2F_140), "stroke": 0.012}
@@ -107,8 +128,8 @@ def test_episodes_that_fail_are_kept_only_if_asked_for(tmp_path):
 
 
 def test_bad_arguments_are_refused_by_name(recorded, tmp_path):
-    with pytest.raises(DemonstrationError, match="control_mode='pd_ee_pose'"):
-        replace(RECORDING, control_mode="pd_ee_pose")
+    with pytest.raises(DemonstrationError, match="control_mode='pd_ee_twist'"):
+        replace(RECORDING, control_mode="pd_ee_twist")
     with pytest.raises(DemonstrationError, match="keep='best'"):
         record(RECORDING, SEEDS, tmp_path, keep="best")
     with pytest.raises(DemonstrationError, match="workers=0"):
