@@ -19,6 +19,33 @@ def place(
 ) -> tuple[float, float, float, float, float]:
     """Fill `local` (3, N); return the middle and the centre."""
 
+def look(
+    cloud: NDArray[np.float64],
+    others: NDArray[np.float64],
+    unseen: NDArray[np.float64],
+    x: float,
+    y: float,
+    z: float,
+    lens: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    /,
+) -> float:
+    """Fill `lens` (15,) and `depth` (96, 96); return the share of the cloud that it hides itself."""
+
+def assume_back(
+    cloud: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    floor: float,
+    image_up_along: float,
+    image_up_up: float,
+    cell: float,
+    lenses: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    found: NDArray[np.float64],
+    /,
+) -> int:
+    """Fill `found` (capacity, 3), a row each; return the number of places."""
+
 def scan(
     object: NDArray[np.float64],
     others: NDArray[np.float64],
@@ -39,9 +66,16 @@ def scan(
 ) -> tuple[int, float, float]:
     """Fill `candidates` (9, 160), a column each; return their number, how many are too wide, their least width."""
 
+def measured(
+    seen: NDArray[np.float64], holds: NDArray[np.float64], pad_width: float, found: NDArray[np.float64], /
+) -> None:
+    """holds (5, M): rows heading, x, y, tip, width. Fill `found` (3, M)."""
+
 def rank(
     object: NDArray[np.float64],
     others: NDArray[np.float64],
+    lenses: NDArray[np.float64],
+    depth: NDArray[np.float64],
     candidates: NDArray[np.float64],
     count: int,
     centre_x: float,
@@ -51,7 +85,7 @@ def rank(
     problems: NDArray[np.int64],
     /,
 ) -> tuple[int, int]:
-    """Fill `ranked` (18, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
+    """Fill `ranked` (20, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
 
 def survey(
     object: NDArray[np.float64],

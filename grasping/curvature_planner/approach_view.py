@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.curvature_planner.line_of_sight import Sight
 from grasping.curvature_planner.projection import cells
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +21,8 @@ class ApproachView:
     points: (3, N) x, y and height of the object in the frame, in rising height. obstacles: (3, K) likewise of what else
         is in the way.
     floor: height of the table, or of the lowest point seen. centre: (2,) estimate of the centre of mass. tilt: rad.
+    sight: what the camera saw, in the frame. seen: (3, M) those of the points that were measured and not assumed, in
+        any order.
     """
 
     origin: FloatArray
@@ -29,6 +32,8 @@ class ApproachView:
     floor: float
     centre: FloatArray
     tilt: float
+    sight: Sight
+    seen: FloatArray
 
 
 def last_in_cells(x: FloatArray, y: FloatArray, cell: float) -> NDArray[np.int64]:

@@ -1,4 +1,7 @@
-"""From where the gripper may come: over a table straight down or tilted; without one along the cloud's own axes."""
+"""From where the gripper may come: over a table straight down or tilted; without one from the camera's side.
+
+Where no camera is known either, along the cloud's own axes.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from numpy.typing import NDArray
 
 from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
 from grasping.curvature_planner.backend import Backend
+from grasping.curvature_planner.line_of_sight import Sight
+from grasping.curvature_planner.unseen_back import ABOVE
 from grasping.geometry import exact_math
 from grasping.geometry.principal_axes import principal_axes
 
@@ -19,6 +24,7 @@ REACHED = 0.08  # m beyond the object in which neighbours matter
 CELL = 0.004  # m, in which a footprint is weighed
 OBSTACLE_CELL = 0.003  # m, to which neighbours are thinned
 BOX = 0.0025  # m, to which large clouds are thinned
+FROM_THE_CAMERA = math.cos(math.radians(45))
 _NOTHING = np.empty((3, 0))
 
 
@@ -30,10 +36,11 @@ def approaches_from_above(
     n_points: int,
     max_tilt: float,
     backend: Backend,
+    sight: Sight,
 ) -> Iterator[ApproachView]:
     """Straight down first; then, drawn only when asked for, tilted by `max_tilt` about the footprint's axes.
 
-    cloud: (3, N).
+    cloud: (3, N). sight: what the camera saw, for places in the cloud's frame.
     """
     first = _cross(up, np.eye(3)[int(np.abs(up).argmin())])
     first /= math.sqrt(first @ first)
@@ -41,8 +48,9 @@ def approaches_from_above(
     table_height = float(exact_math.project(cloud, up).min()) if table is None else -float(table[3])
     axes = level @ _upright(*backend.short_side(cloud, level, 0.0))
     thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, axes, BOX)
-    axes = axes @ _upright(*backend.short_side(thinned, axes, CELL))
-    straight = _view(thinned, obstacles, axes, table_height, 0.0, backend)
+    whole = _with_its_back(thinned, up, table_height, sight, backend)
+    axes = axes @ _upright(*backend.short_side(whole, axes, CELL))
+    straight = _view(whole, thinned, obstacles, axes, table_height, 0.0, backend, sight)
     yield straight
     if max_tilt <= 0.0:
         return
@@ -53,27 +61,60 @@ def approaches_from_above(
     for angle in (0.5 * max_tilt, max_tilt):
         for about, sign in ((1, 1.0), (1, -1.0), (0, 1.0), (0, -1.0)):
             turned = axes @ _rotation(about, sign * angle)
-            yield _view(_outermost(solid, turned), others, turned, None, angle, backend)
+            yield _view(_outermost(solid, turned), thinned, others, turned, None, angle, backend, sight)
 
 
 def approaches_without_table(
-    cloud: FloatArray, obstacles: FloatArray, n_points: int, backend: Backend
+    cloud: FloatArray, obstacles: FloatArray, n_points: int, backend: Backend, sight: Sight
 ) -> Iterator[ApproachView]:
-    """Approaches along the cloud's own third and second axis, each first from the side to which the cloud bulges.
+    """Approaches from the camera's side: along the cloud's own third and second axis, where those are within 45° of the
+    line of sight, and along that. Without a camera along either axis, first from the side to which the cloud bulges.
 
-    cloud: (3, N).
+    cloud: (3, N). sight: as for `approaches_from_above`.
     """
     long, second, _ = principal_axes(cloud.T).T
     third = _cross(second, long)
     centred = cloud - cloud.mean(axis=1, keepdims=True)
-    for against, short in ((third, second), (second, third)):
-        depth = against @ centred
-        # Few points lie far behind a bulging surface: the tail of the distribution shows the way in.
-        against = against if float((depth * depth * depth).sum()) < 0.0 else -against
-        for upward in (against, -against):
-            frame = np.array([short, _cross(upward, short), upward]).T
-            thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, frame, BOX)
-            yield _view(thinned, obstacles, frame, None, 0.0, backend)
+    ways: list[tuple[FloatArray, FloatArray]] = []
+    if len(sight.viewpoints):
+        towards = sight.viewpoints.mean(axis=0) - cloud.mean(axis=1)
+        towards /= math.sqrt(towards @ towards)
+        for against, short in ((third, second), (second, third)):
+            cosine = float(against @ towards)
+            if abs(cosine) > FROM_THE_CAMERA:
+                ways.append((against * math.copysign(1.0, cosine), short))
+        short = _cross(towards, long if abs(float(long @ towards)) < FROM_THE_CAMERA else second)
+        ways.append((towards, short / math.sqrt(short @ short)))
+    else:
+        for against, short in ((third, second), (second, third)):
+            depth = against @ centred
+            # Few points lie far behind a bulging surface: the tail of the distribution shows the way in.
+            against = against if float((depth * depth * depth).sum()) < 0.0 else -against
+            ways += [(against, short), (-against, short)]
+    for upward, short in ways:
+        frame = np.array([short, _cross(upward, short), upward]).T
+        thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, frame, BOX)
+        lowest = float(exact_math.project(thinned, upward).min())
+        whole = _with_its_back(thinned, upward, lowest, sight, backend)
+        yield _view(whole, thinned, obstacles, frame, None, 0.0, backend, sight)
+
+
+def _with_its_back(cloud: FloatArray, up: FloatArray, floor: float, sight: Sight, backend: Backend) -> FloatArray:
+    """A cloud (3, N) and (3, M) what `unseen_back.assume_back` makes of its far side, if it was seen from a side."""
+    if not len(sight.lenses):
+        return cloud
+    along = 0.5 * (cloud.min(axis=1) + cloud.max(axis=1)) - sight.viewpoints.sum(axis=0) / len(sight.viewpoints)
+    distance, sinking = math.sqrt(along @ along), float(along @ up)
+    level = along - sinking * up
+    size = math.sqrt(level @ level)
+    if size <= ABOVE * distance:
+        return cloud
+    back = level / size
+    axes = np.array([_cross(back, up), back, up]).T
+    image_up = (-sinking / distance, size / distance)
+    cell = max(BOX, distance / float(sight.lenses[:, 14].min()))
+    found = backend.assume_back(cloud, axes, floor, image_up, cell, sight.within(axes, np.zeros(3)))
+    return np.concatenate([cloud, axes @ found.T], axis=1) if len(found) else cloud
 
 
 def _outermost(solid: FloatArray, axes: FloatArray) -> FloatArray:
@@ -85,17 +126,21 @@ def _outermost(solid: FloatArray, axes: FloatArray) -> FloatArray:
 
 def _view(
     cloud: FloatArray,
+    measured: FloatArray,
     obstacles: FloatArray,
     axes: FloatArray,
     table_height: float | None,
     tilt: float,
     backend: Backend,
+    sight: Sight,
 ) -> ApproachView:
     points, middle, centre = backend.place(cloud, axes, table_height, CELL)
     others = _NOTHING
     if len(obstacles):
         others = _in_reach(axes.T @ obstacles.T - middle[:, None], np.abs(points[:2]).max(axis=1) + REACHED)
-    return ApproachView(axes @ middle, axes, points, others, 0.0, centre, tilt)
+    seen = points if measured is cloud else axes.T @ measured - middle[:, None]
+    origin = axes @ middle
+    return ApproachView(origin, axes, points, others, 0.0, centre, tilt, sight.within(axes, origin), seen)
 
 
 def _in_reach(others: FloatArray, reach: FloatArray) -> FloatArray:

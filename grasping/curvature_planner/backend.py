@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.curvature_planner.approach_view import ApproachView
+from grasping.curvature_planner.contact_refinement import Contacts
 from grasping.curvature_planner.finger_scan import Candidates, Scan
+from grasping.curvature_planner.line_of_sight import Sight
 from grasping.curvature_planner.ranking import Ranked, Rules
 from grasping.curvature_planner.region_report import RegionMeasures
 
@@ -33,6 +35,22 @@ class Backend(Protocol):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`projection.place`."""
 
+    def look(
+        self, cloud: FloatArray, obstacles: FloatArray, unseen: FloatArray, viewpoint: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """`line_of_sight.look`."""
+
+    def assume_back(
+        self,
+        cloud: FloatArray,
+        axes: FloatArray,
+        floor: float,
+        image_up: tuple[float, float],
+        cell: float,
+        sight: Sight,
+    ) -> FloatArray:
+        """`unseen_back.assume_back`."""
+
     def scan(
         self,
         points: FloatArray,
@@ -51,6 +69,11 @@ class Backend(Protocol):
 
     def rank(self, view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
         """`ranking.rank`."""
+
+    def measured(
+        self, seen: FloatArray, contacts: Contacts, pad_width: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`contact_refinement.measured`."""
 
     def measure_regions(self, view: ApproachView, candidates: Candidates | None, slab_height: float) -> RegionMeasures:
         """`region_report.measure_regions`."""

@@ -17,10 +17,12 @@ from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.contact_refinement import Contacts
 from grasping.curvature_planner.finger_scan import MEASURED, Candidates, Scan, bins_of_room
 from grasping.curvature_planner.grasp_clusters import HEADING, PLACE, SAG, SAME_HEADING, SAME_PLACE, SLIDE, WIDTH
+from grasping.curvature_planner.line_of_sight import PIXELS, Sight
 from grasping.curvature_planner.ranking import (
     BLUR,
     CANDIDATES,
     CENTRED,
+    LEAST_AREA,
     LEAST_CONTACT,
     MOST_CLEARANCE,
     PROBLEMS,
@@ -33,15 +35,17 @@ from grasping.curvature_planner.scoring import (
     ALIKE_HEADING,
     ALIKE_PLACE,
     ALIKE_TIP,
+    NARROWEST,
     OVERLAP,
     REFINED,
     weights_of,
 )
+from grasping.curvature_planner.unseen_back import MOST_CELLS
 from grasping.geometry.primitives import FLAT
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 5  # as in csrc/module.c
+INTERFACE = 6  # as in csrc/module.c
 MOST_TRIED = 64  # likewise
 
 
@@ -83,6 +87,26 @@ class CompiledBackend:
         return local, np.array(middle), np.array([x, y])
 
     @staticmethod
+    def look(
+        cloud: FloatArray, obstacles: FloatArray, unseen: FloatArray, viewpoint: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """`line_of_sight.look`."""
+        lens, depth = np.empty(15), np.empty((PIXELS, PIXELS))
+        share = _KERNELS.look(cloud, obstacles, unseen, *viewpoint.tolist(), lens, depth)
+        return lens, depth, share
+
+    @staticmethod
+    def assume_back(
+        cloud: FloatArray, axes: FloatArray, floor: float, image_up: tuple[float, float], cell: float, sight: Sight
+    ) -> FloatArray:
+        """`unseen_back.assume_back`."""
+        found = np.empty((cloud.shape[1] + 4 * (MOST_CELLS + 2) ** 2, 3))  # of which hardly anything is written
+        count = _KERNELS.assume_back(
+            cloud, np.ascontiguousarray(axes), floor, *image_up, cell, sight.lenses, sight.depth, found
+        )
+        return found[:count].copy()
+
+    @staticmethod
     def scan(
         points: FloatArray,
         obstacles: FloatArray,
@@ -108,19 +132,28 @@ class CompiledBackend:
     @staticmethod
     def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
         """`ranking.rank`."""
+        sight = (view.sight.lenses, view.sight.depth)
         coarse = np.empty((9, len(candidates)))
         for row, name in zip(coarse, Candidates.__dataclass_fields__, strict=True):
             row[:] = getattr(candidates, name)
-        found, problems = np.empty((18, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
+        found, problems = np.empty((20, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
         centre = view.centre.tolist()
         count, refused = _KERNELS.rank(
-            view.points, view.obstacles, coarse, len(candidates), *centre, _numbers(rules), found, problems
+            view.points, view.obstacles, *sight, coarse, len(candidates), *centre, _numbers(rules), found, problems
         )
-        heading, x, y, width, angle, contact, overlap, gap, empty, score, tip, whole, *rest = found[:, :count]
-        contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, gap, empty > 0.0)
-        named = dict(zip(("angle", "overlap", "centre", "room", "narrow"), rest[:-1], strict=True))
+        heading, x, y, width, angle, contact, overlap, gap, area, empty, score, tip, whole, *rest = found[:, :count]
+        contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, area, gap, empty > 0.0)
+        named = dict(zip(("angle", "overlap", "centre", "room", "narrow", "seen"), rest[:-1], strict=True))
         terms = {"contact": contact, **named, "whole": whole, "opening": rest[-1]} if count else {}
         return Ranked(contacts, terms, score, [PROBLEMS[index] for index in problems[:refused].tolist()])
+
+    @staticmethod
+    def measured(seen: FloatArray, contacts: Contacts, pad_width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`contact_refinement.measured`."""
+        holds = np.array([contacts.heading, contacts.x, contacts.y, contacts.tip, contacts.width])
+        found = np.empty((3, holds.shape[1]))
+        _KERNELS.measured(np.ascontiguousarray(seen), holds, pad_width, found)
+        return found[0], found[1], found[2]
 
     @staticmethod
     def measure_regions(view: ApproachView, candidates: Candidates | None, slab_height: float) -> RegionMeasures:
@@ -144,7 +177,8 @@ def _numbers(rules: Rules) -> FloatArray:
             *(rules.pad_width, rules.stroke, rules.finger_thickness),
             *(rules.finger_room, rules.wished_room, rules.greatest_width, rules.reach),
             *(rules.steepest, rules.parallel, rules.steepest + BLUR),
-            *(rules.least_overlap, LEAST_CONTACT, MOST_CLEARANCE, rules.far_from_centre),
+            *(rules.least_overlap, LEAST_CONTACT, LEAST_AREA, NARROWEST),
+            *(MOST_CLEARANCE, rules.far_from_centre),
             *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),
             *(PLACE, HEADING, WIDTH, SAME_PLACE, SAME_HEADING, SAG, SLIDE),
             *(SLID, CENTRED, CANDIDATES),

@@ -18,12 +18,15 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 CONTOUR_ROWS = 5  # parts of a pad's width over which each contour is drawn
+LEAST_WIDTH = 0.002  # m between the two contours, where they are farthest apart: a streak of points is no thing
+FEWEST = 5  # points near a pad that say that there is a surface
 TOUCHING = 0.006  # m: a contour farther behind the outermost part does not help to hold
 ROUGHNESS = 0.003  # m: pads are soft and clouds are noisy, a contour this near to it helps in full
 CONTACT_BAND = 0.004  # m behind the outermost points: how high the surface is there says how steep it is
 BESIDE = 0.003  # m on either side of a finger that must be free as well
 SEARCH = 0.006  # m beyond the coarse extent in which the object's outermost points are looked for
 MOST_TURN = 0.15  # rad in one step: half of the scan's step and what its resolution adds
+HAIR = 1e-9  # m: the outermost points are between the pads
 STEPS = 2
 _SIDES = np.array([[1.0], [-1.0]])
 
@@ -40,6 +43,7 @@ class Contacts:
     angle: FloatArray  # of the worse contour against its pad
     contact: FloatArray  # share of the pad's width that touches, worse side: 1 less the contour's lateral curvature
     overlap: FloatArray  # depth of the pad below the top of the surface that it touches, worse side
+    area: FloatArray  # m² of the pad beside the surface that it touches, worse side; 0 where next to nothing is there
     gap: FloatArray  # free space beside the object, narrower side, cut at `wished_room`; 0 where the palm would hit
     empty: NDArray[np.bool_]  # too few points between the pads for the rest to mean anything
 
@@ -88,6 +92,8 @@ def refine(
     for side in (0, 1):
         touched = u[side] <= outermost[side, owner] + CONTACT_BAND
         np.maximum.at(top[side], owner[touched], height[point[touched]])
+    thin = (-contour[1] - contour[0]).max(axis=1) < LEAST_WIDTH
+    area = _areas(owner, u, across.reshape(-1)[chosen], height[point], outermost, tip, half)
     # What is nearer to the object than TOUCHING belongs to the contact itself.
     distance, beside = _beside(along, across, start, end, half)
     gap = np.min(distance, axis=1, initial=wished_room, where=above & beside & (distance >= TOUCHING))
@@ -107,9 +113,26 @@ def refine(
         angle=np.abs(exact_math.arctan(slope)).max(axis=0),
         contact=_support(contour - outermost[:, :, None]).min(axis=0),
         overlap=np.where(empty, 0.0, top.min(axis=0) - tip),
+        area=np.where(empty | thin, 0.0, area),
         gap=gap,
         empty=empty,
     )
+
+
+def measured(seen: FloatArray, contacts: Contacts, pad_width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of measured points (3, N), between the pads of each of M grasps: their number; how far they reach, m.
+
+    The second is along the closing axis, the third across it.
+    """
+    cos, sin = exact_math.cos(contacts.heading), exact_math.sin(contacts.heading)
+    along, across = _turned(seen, cos, sin, contacts.x, contacts.y)
+    between = (np.abs(across) <= 0.5 * pad_width) & (np.abs(along) <= (0.5 * contacts.width + HAIR)[:, None])
+    between &= seen[2] > contacts.tip[:, None]
+    number = between.sum(axis=1).astype(np.float64)
+    least = (np.min(each, axis=1, initial=np.inf, where=between) for each in (along, across))
+    most = (np.max(each, axis=1, initial=-np.inf, where=between) for each in (along, across))
+    reach, breadth = (np.where(number > 0.0, high - low, 0.0) for low, high in zip(least, most, strict=True))
+    return number, reach, breadth
 
 
 def _turned(
@@ -126,12 +149,40 @@ def _contours(owner: IntArray, u: FloatArray, v: FloatArray, half: float, count:
 
     u, v: (P,) along and across the closing axis of the point's candidate.
     """
-    row = np.minimum(((v + half) * (CONTOUR_ROWS / (2 * half))).astype(np.int64), CONTOUR_ROWS - 1)
-    key = owner * CONTOUR_ROWS + row
+    key = owner * CONTOUR_ROWS + _rows(v, half)
     contour = np.full((2, count * CONTOUR_ROWS), np.inf)
     np.minimum.at(contour[0], key, u)
     np.minimum.at(contour[1], key, -u)
     return contour.reshape(2, count, CONTOUR_ROWS)
+
+
+def _rows(v: FloatArray, half: float) -> IntArray:
+    return np.minimum(((v + half) * (CONTOUR_ROWS / (2 * half))).astype(np.int64), CONTOUR_ROWS - 1)
+
+
+def _areas(
+    owner: IntArray,
+    u: FloatArray,
+    v: FloatArray,
+    height: FloatArray,
+    outermost: FloatArray,
+    tip: FloatArray,
+    half: float,
+) -> FloatArray:
+    """(M,) area of the pad beside what it touches, the lesser side: row by row down from the highest point there.
+
+    owner, u (2, P), v, height (P,): of the points between the pads. outermost: (2, M).
+    """
+    areas = np.empty_like(outermost)
+    row = _rows(v, half)
+    for side in (0, 1):
+        near = u[side] <= outermost[side, owner] + TOUCHING
+        top = np.repeat(tip, CONTOUR_ROWS)
+        np.maximum.at(top, (owner * CONTOUR_ROWS + row)[near], height[near])
+        depth = top.reshape(-1, CONTOUR_ROWS) - tip[:, None]
+        areas[side] = (depth * (2.0 * half / CONTOUR_ROWS)).sum(axis=1)
+        areas[side, np.bincount(owner[near], minlength=len(tip)) < FEWEST] = 0.0
+    return areas.min(axis=0)
 
 
 def _slopes(contour: FloatArray, pad_width: float) -> FloatArray:

@@ -81,9 +81,8 @@ def cluster(refined: RefinedCandidates, most: int) -> Clusters:
             for there in middles
         ):
             continue
-        middles.append(
-            (heading, x, y, tip, exact_math.total(weight * found.width), exact_math.total(weight * refined.whole))
-        )
+        whole = min(exact_math.total(weight * refined.whole), 1.0)
+        middles.append((heading, x, y, tip, exact_math.total(weight * found.width), whole))
         best.append(top)
     columns = np.array(middles).reshape(-1, 6).T
     return Clusters(_candidates(*columns), np.array(best, dtype=np.int64), columns[5])

@@ -4,9 +4,12 @@ It keeps the dissertation's order of ideas (axes, slabs and their parts, primiti
 and departs from it where a one-sided cloud and a real hand ask for it:
 
 - The approach is straight down on the table, or tilted where nothing else is left; without a table it is along the
-  cloud's own axes.
+  cloud's own axes, from the camera's side.
 - Slabs lie across every heading of the gripper, not only across the long axis, and overlap (`finger_scan.scan`).
-- What the camera cannot see below a seen surface counts as the object, down to the table.
+- What the camera cannot see below a seen surface counts as the object, down to the table. Where it is known where the
+  camera stood, the back of an object seen from a side is assumed (`unseen_back`), and a finger's way that was not seen
+  costs (`line_of_sight`).
+- Each pad must touch something with an area, not stray points.
 - Lateral curvature is measured on the contour under the pad (`contact_refinement.refine`), at one length, that of the
   pad; σ of a number of neighbours depends on the density of the cloud and on the view.
 - Fingers must come down beside the object, clear of the table and of the neighbours, and the palm clear of what hangs
@@ -28,12 +31,13 @@ from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
 from grasping.curvature_planner.approaches import CELL, approaches_from_above, approaches_without_table
 from grasping.curvature_planner.backend import Backend
 from grasping.curvature_planner.compiled_backend import AVAILABLE, CompiledBackend
-from grasping.curvature_planner.contact_refinement import CONTACT_BAND
+from grasping.curvature_planner.contact_refinement import CONTACT_BAND, LEAST_WIDTH
 from grasping.curvature_planner.finger_scan import Candidates
+from grasping.curvature_planner.line_of_sight import sight_of
 from grasping.curvature_planner.numpy_backend import NumpyBackend
 from grasping.curvature_planner.ranking import LEAST_OVERLAP, Ranked, Rules
 from grasping.curvature_planner.region_report import ObjectReport, report_regions
-from grasping.curvature_planner.scoring import leverage
+from grasping.curvature_planner.scoring import ASSUMED, leverage
 from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
@@ -49,6 +53,7 @@ PALM_CLEARANCE = 0.01  # m above whatever is under the palm
 # rod. Shares of the height above which half of the surface lies: an allen key is low although its short leg stands up.
 TIP_SHARE, OVERLAP_SHARE = 0.2, 0.5
 LEAST_TIP_CLEARANCE = 0.001  # m; a fitted table is off by a tenth of that in simulation
+LEAST_MEASURED, LEAST_BREADTH = 8, 0.004  # points between the pads, and m across them, where others are only assumed
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
 
 
@@ -66,8 +71,11 @@ class CurvaturePlanner:
     compiled: whether to plan with the compiled kernels or with their NumPy reference, which finds the same more slowly;
         None takes the kernels where this installation has them (`grasping.compiled`).
 
-    Terms of a grasp: those of the score (`scoring.WEIGHTS`) and, for the policy, `opening`: to come in with, m;
-    `tip_height`: of the tips above the table, or above the lowest point seen, m; `tilt`: of the approach, rad.
+    Terms of a grasp: those of the score (`scoring.WEIGHTS`), among them `seen`: the share of the fingers' way beside
+    the object that was seen, the worse side, 1 where no viewpoint is known; and `assumed`: of the width what no
+    measured point stands for but the assumed back of the object, m, which costs, too. For the policy, `opening`: to
+    come in with, m; `tip_height`: of the tips above the table, or above the lowest point seen, m; `tilt`: of the
+    approach, rad.
     """
 
     def __init__(
@@ -148,19 +156,23 @@ class CurvaturePlanner:
         """Plan on the cloud (N, 3) of one object, m, in any frame.
 
         up: (3,) away from the table. table: plane (4,), n·p + d = 0. obstacles: (K, 3) points of other things.
-        All in the cloud's frame. Raises CloudError for a cloud, ConfigError for a scene that is none.
+        viewpoint: (3,) where the camera stood, or (V, 3) the cameras of a merged cloud; None: the origin, where
+        `line_of_sight.sight_of` finds that a camera can have seen the cloud from there. unseen: (U, 3) far ends of
+        lines of sight from the viewpoint, of several the last, on which nothing was measured. All in the cloud's frame.
+        Regions hold the assumed back, too. Raises CloudError for a cloud, ConfigError for a scene that is none.
         """
         cloud = object_cloud(points)
         up_vector, plane, neighbours = workspace(up, table, obstacles)
-        sight(viewpoint, unseen)
+        viewpoints, rays = sight(viewpoint, unseen)
         if plane is not None:
             require_near(cloud, plane)
         cloud = np.ascontiguousarray(cloud.T)
+        seen = sight_of(cloud, neighbours, viewpoints, rays, up_vector, plane, self._backend.look)
         if up_vector is None:
-            views = approaches_without_table(cloud, neighbours, self.n_points, self._backend)
+            views = approaches_without_table(cloud, neighbours, self.n_points, self._backend, seen)
         else:
             views = approaches_from_above(
-                cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._backend
+                cloud, up_vector, plane, neighbours, self.n_points, self.max_tilt, self._backend, seen
             )
         report: ObjectReport | None = None
         failures: list[str] = []
@@ -216,6 +228,8 @@ class CurvaturePlanner:
             return None, candidates, f"no room for the fingers: {where}"
         ranked: Ranked = self._backend.rank(view, candidates, rules)
         if not ranked.problems:
+            ranked = self._held_by_what_was_seen(view, ranked)
+        if not ranked.problems:
             return ranked, candidates, ""
         refused = Counter(ranked.problems)
         reason = f"none of the {len(ranked.problems)} best places holds: "
@@ -223,6 +237,19 @@ class CurvaturePlanner:
         if found.too_wide:
             reason += f"; elsewhere the object is at least {wide:.0f} mm wide and the gripper takes {most:.0f} mm"
         return None, candidates, reason
+
+    def _held_by_what_was_seen(self, view: ApproachView, ranked: Ranked) -> Ranked:
+        """Those between whose pads enough was measured. What is only assumed costs; `assumed` says how much it is."""
+        if view.seen is view.points:
+            return replace(ranked, terms={**ranked.terms, "assumed": np.zeros(len(ranked.score))})
+        number, reach, breadth = self._backend.measured(view.seen, ranked.contacts, self._rules.pad_width)
+        assumed = np.maximum(ranked.contacts.width - reach, 0.0)
+        score = ranked.score * (1.0 - ASSUMED * (assumed / ranked.contacts.width))
+        ranked = replace(ranked, terms={**ranked.terms, "assumed": assumed}, score=score)
+        held = (number >= LEAST_MEASURED) & (breadth >= LEAST_BREADTH)
+        if view.tilt:  # what is filled in down to the table is as thin as what was measured
+            held &= reach >= LEAST_WIDTH
+        return ranked if held.all() else ranked.those(held)
 
     def _grasps(self, view: ApproachView, ranked: Ranked, report: ObjectReport) -> list[Grasp]:
         contacts = ranked.contacts

@@ -12,15 +12,18 @@ from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.contact_refinement import Contacts, refine
 from grasping.curvature_planner.finger_scan import Candidates
 from grasping.curvature_planner.grasp_clusters import SAG, RefinedCandidates, cluster, to_either_side
+from grasping.curvature_planner.line_of_sight import doubt
 from grasping.curvature_planner.scoring import (
     FAR_FROM_CENTRE,
     WEIGHTS,
     best_unlike,
     centre_term,
     clip,
+    narrow_term,
     overlap_term,
     weigh,
 )
+from grasping.geometry import exact_math
 
 FloatArray = NDArray[np.float64]
 Terms = dict[str, FloatArray]
@@ -29,11 +32,17 @@ LEAST_OVERLAP = 0.004  # m
 PARALLEL = math.radians(5)  # a contact turned by less than this against the pad is as good as parallel
 BLUR = 0.15  # rad, by which the scan's resolution blurs angles
 LEAST_CONTACT = 0.3  # share of a pad's width
+LEAST_AREA = 30e-6  # m² of either pad
+WAY_ACROSS = (-0.4, 0.0, 0.4)  # of a pad's width, where the way of a finger is looked at
+WAY_OUTWARD = (0.25, 0.75)  # likewise, of the room that it needs
+WAY_LEVELS, COARSE_LEVELS = 4, 2  # from the tips up, evenly below the object's top
 MOST_CLEARANCE = 0.015  # m beside each pad on the way in, where there is room
 SLID, CENTRED, CANDIDATES = 3, 4, 8  # best places that are looked at on either side, in the middle, at all
 
+TOUCHES_NOTHING = "the pads would touch almost nothing"
 PROBLEMS = (
     "too few points between the pads",
+    TOUCHES_NOTHING,
     "too wide",
     "no room for the fingers",
     "the pads would touch a slope",
@@ -81,6 +90,13 @@ class Ranked:
     score: FloatArray
     problems: list[str]
 
+    def those(self, kept: NDArray[np.bool_]) -> Ranked:
+        """Those of the candidates (M,), or that each would touch almost nothing."""
+        contacts = {name: getattr(self.contacts, name)[kept] for name in Contacts.__dataclass_fields__}
+        terms = {name: values[kept] for name, values in self.terms.items()}
+        problems = [] if kept.any() else [TOUCHES_NOTHING] * len(kept)
+        return Ranked(Contacts(**contacts), terms, self.score[kept], problems)
+
 
 def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
     """The middle of each of the best clusters, or its best member if that is better; of the others the best member.
@@ -123,6 +139,7 @@ def _against(contacts: Contacts, rules: Rules) -> list[NDArray[np.bool_]]:
     """Of which of the candidates each of the PROBLEMS is true."""
     return [
         contacts.empty,
+        contacts.area < LEAST_AREA,
         contacts.width > rules.greatest_width,
         contacts.gap < rules.finger_room,
         contacts.overlap < rules.least_overlap,
@@ -139,8 +156,9 @@ def _coarse_score(view: ApproachView, candidates: Candidates, rules: Rules) -> F
             "overlap": overlap_term(candidates.overlap),
             "centre": centre_term(candidates.x, candidates.y, view.centre, rules.far_from_centre),
             "room": candidates.room,
-            "narrow": 1.0 - candidates.width / rules.stroke,
+            "narrow": narrow_term(candidates.width, rules.stroke),
             "whole": candidates.whole.astype(np.float64),
+            "seen": _seen_share(view, candidates, candidates.width, rules, WAY_ACROSS[1:2], COARSE_LEVELS),
         },
         rules.weight_of_centre,
     )
@@ -156,7 +174,39 @@ def _terms(view: ApproachView, contacts: Contacts, whole: FloatArray, rules: Rul
         "overlap": overlap_term(contacts.overlap),
         "centre": centre_term(contacts.x, contacts.y, view.centre, rules.far_from_centre),
         "room": clip(spare),
-        "narrow": clip(1.0 - contacts.width / rules.stroke),
+        "narrow": narrow_term(contacts.width, rules.stroke),
         "whole": whole,
+        "seen": _seen_share(view, contacts, contacts.width, rules, WAY_ACROSS, WAY_LEVELS),
         "opening": np.minimum(rules.stroke, contacts.width + 2.0 * clear),
     }
+
+
+def _seen_share(
+    view: ApproachView,
+    held: Candidates | Contacts,
+    width: FloatArray,
+    rules: Rules,
+    across: tuple[float, ...],
+    levels: int,
+) -> FloatArray:
+    """(M,) share of the fingers' way down beside the object that was seen, the worse side; 1 where nothing is known.
+
+    What lies behind a surface was not seen; where nothing was measured, half of it counts as seen: as a rule that is a
+    shadow of the sensor's own beside the object.
+    """
+    if not len(view.sight.lenses):
+        return np.ones(len(width))
+    cos, sin = exact_math.cos(held.heading), exact_math.sin(held.heading)
+    above = view.points[2, -1] - held.tip
+    shares = []
+    for side in (1.0, -1.0):
+        seen = np.zeros(len(width), dtype=np.int64)
+        for outward in WAY_OUTWARD:
+            u = side * (0.5 * width + outward * rules.finger_room)
+            for line in across:
+                v = line * rules.pad_width
+                x, y = (held.x + cos * u) - sin * v, (held.y + sin * u) + cos * v
+                for level in range(levels):
+                    seen += 2 - doubt(view.sight, x, y, held.tip + above * (level / levels))
+        shares.append(seen / (2 * len(WAY_OUTWARD) * levels * len(across)))
+    return np.minimum(*shares)

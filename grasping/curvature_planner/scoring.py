@@ -18,13 +18,16 @@ WEIGHTS = {
     "overlap": 0.25,  # how deep the pads reach beside the surface that they touch
     "centre": 0.20,  # nearness to the centre of mass
     "room": 0.10,  # free space for the fingers beyond what they need
-    "narrow": 0.05,  # across the narrow side
+    "narrow": 0.05,  # across the narrow side, though not across almost nothing
     "whole": 0.02,  # around all of the slab and not around a part of it
+    "seen": 0.40,  # share of the fingers' way that the camera looked through
 }
+ASSUMED = 0.15  # share of the score that it costs when all of the width is only assumed
 OVERLAP = ((0.5, 0.015), (0.1, 0.045), (0.4, 0.130))  # shares of the term, earned up to these depths, m
 REFINED = 16  # candidates of the coarse scan that are looked at closely
 ALIKE_PLACE, ALIKE_HEADING = 0.008, math.radians(20)  # candidates nearer than this are one
 ALIKE_TIP = 0.0225  # m
+NARROWEST = 0.010  # m: what is narrower is no better for it
 FAR_FROM_CENTRE = 0.10  # m at which the term "centre" is 0
 DENSITY, GRAVITY = 500.0, 9.81  # kg/m³, of a household thing, part plastic, part air
 HELD_TORQUE, MOST_TORQUE = 0.2, 3.0  # N·m that pads hold against turning about them at 20 N; times that
@@ -66,6 +69,11 @@ def centre_term(x: FloatArray, y: FloatArray, centre: FloatArray, far: float) ->
     """1 at the centre of mass, 0 as far (m) from it."""
     x, y = x - centre[0], y - centre[1]
     return clip(1.0 - np.sqrt(x * x + y * y) / far)
+
+
+def narrow_term(width: FloatArray, stroke: float) -> FloatArray:
+    """1 for what is narrow beside the stroke, and less again towards nothing at all."""
+    return np.minimum(clip(1.0 - width / stroke), clip(width / NARROWEST))
 
 
 def clip(share: FloatArray) -> FloatArray:

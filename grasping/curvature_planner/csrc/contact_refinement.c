@@ -4,9 +4,9 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { CONTOUR_ROWS = 5, STEPS = 2 };
+enum { CONTOUR_ROWS = 5, STEPS = 2, FEWEST = 5 };
 static const double TOUCHING = 0.006, ROUGHNESS = 0.003, CONTACT_BAND = 0.004, BESIDE = 0.003, SEARCH = 0.006;
-static const double MOST_TURN = 0.15;
+static const double MOST_TURN = 0.15, HAIR = 1e-9, LEAST_WIDTH = 0.002;
 
 /* A closing axis through (x, y), and what the coordinates along and across it are measured from. */
 typedef struct {
@@ -103,6 +103,31 @@ static double support(const double contour[CONTOUR_ROWS], double outermost)
     return sum / CONTOUR_ROWS;
 }
 
+/* Area of the pad beside the surface that it touches, the lesser side; 0 where too few points say that there is one. */
+static double touched_area(const Strip *strip, double tip, const double outer[2], double half)
+{
+    double area[2];
+    for (int side = 0; side < 2; side++) {
+        double top[CONTOUR_ROWS];
+        int points = 0;
+        for (int row = 0; row < CONTOUR_ROWS; row++)
+            top[row] = tip;
+        for (ptrdiff_t i = 0; i < strip->count; i++) {
+            if (!((side ? -strip->u[i] : strip->u[i]) <= outer[side] + TOUCHING))
+                continue;
+            const int row = (int)((strip->v[i] + half) * (CONTOUR_ROWS / (2 * half)));
+            double *highest = &top[row < CONTOUR_ROWS ? row : CONTOUR_ROWS - 1];
+            *highest = greatest(*highest, strip->height[i]);
+            points++;
+        }
+        area[side] = 0.0;
+        for (int row = 0; row < CONTOUR_ROWS; row++)
+            area[side] += (top[row] - tip) * (2.0 * half / CONTOUR_ROWS);
+        area[side] = points < FEWEST ? 0.0 : area[side];
+    }
+    return least(area[0], area[1]);
+}
+
 /* How far the surface that each side touches stands above the tip, the lower one. */
 static double overlap(const Strip *strip, double tip, const double outer[2])
 {
@@ -135,12 +160,19 @@ static double gap(
 static Points near_points(Points points, double x, double y, double tip, double far, double *into)
 {
     double *to_x = into, *to_y = into + points.count, *to_height = into + 2 * points.count;
-    ptrdiff_t count = 0;
-    for (ptrdiff_t i = 0; i < points.count; i++) {
+    ptrdiff_t count = 0, first = 0;
+    for (ptrdiff_t behind = points.count; first < behind;) { /* they are in rising height */
+        const ptrdiff_t middle = (first + behind) / 2;
+        if (points.height[middle] > tip)
+            behind = middle;
+        else
+            first = middle + 1;
+    }
+    for (ptrdiff_t i = first; i < points.count; i++) {
         to_x[count] = points.x[i];
         to_y[count] = points.y[i];
         to_height[count] = points.height[i];
-        count += (points.height[i] > tip) & (fabs(points.x[i] - x) < far) & (fabs(points.y[i] - y) < far);
+        count += (fabs(points.x[i] - x) < far) & (fabs(points.y[i] - y) < far);
     }
     return (Points){to_x, to_y, to_height, count};
 }
@@ -204,8 +236,37 @@ int refine_holds(
         const double free_space = gap(near, &axis, half, start, end, TOUCHING, INFINITY, wished_room);
         to[CONTACT_GAP * count] = gap(near_points(others, x[i], y[i], tip[i], far, memory), &axis, half, start, end, 0.0,
                                       tip[i] + reach, free_space);
+        double thickest = -INFINITY;
+        for (int row = 0; row < CONTOUR_ROWS; row++)
+            thickest = greatest(thickest, -contour.least[1][row] - contour.least[0][row]);
+        to[CONTACT_AREA * count] = empty || thickest < LEAST_WIDTH ? 0.0 : touched_area(&strip, tip[i], outer, half);
         to[CONTACT_EMPTY * count] = empty;
     }
     free(memory);
     return 0;
+}
+
+void measured_between(
+    Points seen, const double *holds, ptrdiff_t count, double pad_width, double *numbers, double *along_it,
+    double *across_it)
+{
+    const double *heading = holds, *x = holds + count, *y = x + count, *tip = y + count, *width = tip + count;
+    for (ptrdiff_t hold = 0; hold < count; hold++) {
+        const Axis axis = axis_of(heading[hold], x[hold], y[hold]);
+        const double half = 0.5 * width[hold] + HAIR;
+        double first = INFINITY, last = -INFINITY, left = INFINITY, right = -INFINITY, number = 0.0;
+        for (ptrdiff_t i = 0; i < seen.count; i++) {
+            const double u = along(&axis, seen.x[i], seen.y[i]), v = across(&axis, seen.x[i], seen.y[i]);
+            if (!((fabs(v) <= 0.5 * pad_width) & (fabs(u) <= half) & (seen.height[i] > tip[hold])))
+                continue;
+            first = least(first, u);
+            last = greatest(last, u);
+            left = least(left, v);
+            right = greatest(right, v);
+            number += 1.0;
+        }
+        numbers[hold] = number;
+        along_it[hold] = number > 0.0 ? last - first : 0.0;
+        across_it[hold] = number > 0.0 ? right - left : 0.0;
+    }
 }

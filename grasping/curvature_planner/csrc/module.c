@@ -3,7 +3,7 @@
 #include "planner.h"
 
 /* Raised whenever a function here takes or returns something else; compiled_backend.py names the one that it knows. */
-#define INTERFACE 5
+#define INTERFACE 6
 
 /* A contiguous array of `ndim` dimensions, the first of this length unless that is −1; NULL with an error if not. */
 static Py_buffer *array(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim,
@@ -173,21 +173,121 @@ static int are_rules(const Rules *rules)
            rules->candidates >= 0.0 && tried <= MOST_TRIED;
 }
 
+/* Depth images and what they are seen through. */
+static int images(Arrays *arrays, PyObject *lenses, PyObject *depth, Sight *out)
+{
+    Py_buffer *through = array(arrays, lenses, "lenses", "d", 2, -1, 0), *drawn;
+    if (!through || !(drawn = array(arrays, depth, "depth", "d", 3, through->shape[0], 0)))
+        return 0;
+    out->count = through->shape[0];
+    out->lenses = through->buf;
+    out->depth = drawn->buf;
+    if (through->shape[1] == LENS && drawn->shape[1] == SIGHT_PIXELS && drawn->shape[2] == SIGHT_PIXELS)
+        return 1;
+    PyErr_Format(PyExc_ValueError, "lenses, depth: %d columns and %d pixels are needed", LENS, SIGHT_PIXELS);
+    return 0;
+}
+
+static PyObject *look(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *others, *unseen, *lens, *depth, *answer = NULL;
+    double eye[3];
+    if (!PyArg_ParseTuple(arguments, "OOOdddOO", &cloud, &others, &unseen, &eye[0], &eye[1], &eye[2], &lens, &depth))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Points on, around, ends;
+    Py_buffer *through, *drawn;
+    if (points(&arrays, cloud, "cloud", &on) && points(&arrays, others, "others", &around) &&
+        points(&arrays, unseen, "unseen", &ends) && (through = array(&arrays, lens, "lens", "d", 1, LENS, 1)) &&
+        (drawn = array(&arrays, depth, "depth", "d", 2, SIGHT_PIXELS, 1))) {
+        if (drawn->shape[1] != SIGHT_PIXELS) {
+            PyErr_Format(PyExc_ValueError, "depth: %d pixels are needed", SIGHT_PIXELS);
+        } else {
+            double share;
+            Py_BEGIN_ALLOW_THREADS
+            share = look_from(on, around, ends, eye, through->buf, drawn->buf);
+            Py_END_ALLOW_THREADS
+            answer = PyFloat_FromDouble(share);
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *back(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *cloud, *axes, *lenses, *depth, *found, *answer = NULL;
+    double floor, image_up[2], cell;
+    if (!PyArg_ParseTuple(arguments, "OOddddOOO", &cloud, &axes, &floor, &image_up[0], &image_up[1], &cell, &lenses,
+                          &depth, &found))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Points on;
+    Sight sight;
+    const double *turn;
+    Py_buffer *out;
+    if (cloud_and_axes(&arrays, cloud, axes, &on, &turn) && images(&arrays, lenses, depth, &sight) &&
+        (out = array(&arrays, found, "found", "d", 2, -1, 1))) {
+        if (out->shape[1] != 3 || !(cell > 0.0)) {
+            PyErr_SetString(PyExc_ValueError, "found, cell: three columns and a length are needed");
+        } else {
+            ptrdiff_t count;
+            Py_BEGIN_ALLOW_THREADS
+            count = assume_back(on, turn, floor, image_up, cell, &sight, out->buf, out->shape[0]);
+            Py_END_ALLOW_THREADS
+            answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *measured(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *seen, *holds, *out, *answer = NULL;
+    double pad_width;
+    if (!PyArg_ParseTuple(arguments, "OOdO", &seen, &holds, &pad_width, &out))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Points on;
+    Py_buffer *rows, *found;
+    if (points(&arrays, seen, "seen", &on) && (rows = array(&arrays, holds, "holds", "d", 2, 5, 0)) &&
+        (found = array(&arrays, out, "found", "d", 2, 3, 1))) {
+        const ptrdiff_t count = rows->shape[1];
+        if (found->shape[1] != count) {
+            PyErr_SetString(PyExc_ValueError, "found: a column for each hold is needed");
+        } else {
+            double *numbers = found->buf;
+            Py_BEGIN_ALLOW_THREADS
+            measured_between(on, rows->buf, count, pad_width, numbers, numbers + count, numbers + 2 * count);
+            Py_END_ALLOW_THREADS
+            answer = Py_NewRef(Py_None);
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
 static PyObject *rank(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *object, *others, *holds, *terms, *ranked, *problems;
+    PyObject *object, *others, *lenses, *depth, *holds, *terms, *ranked, *problems;
     Py_ssize_t count, length = sizeof(Rules) / sizeof(double);
     double centre_x, centre_y;
-    if (!PyArg_ParseTuple(arguments, "OOOnddOOO", &object, &others, &holds, &count, &centre_x, &centre_y, &terms,
+    if (!PyArg_ParseTuple(arguments, "OOOOOnddOOO", &object, &others, &lenses, &depth, &holds, &count, &centre_x, &centre_y, &terms,
                           &ranked, &problems))
         return NULL;
     Arrays arrays = {.count = 0};
     Points on, around;
+    Sight sight;
     Py_buffer *coarse, *out, *refusals;
     const double *numbered;
     PyObject *answer = NULL;
     if (points(&arrays, object, "object", &on) && points(&arrays, others, "others", &around) &&
+        images(&arrays, lenses, depth, &sight) &&
         (coarse = array(&arrays, holds, "holds", "d", 2, HOLD_TERMS, 0)) &&
         (numbered = numbers(&arrays, terms, "rules", &length)) &&
         (out = array(&arrays, ranked, "ranked", "d", 2, RANKED_TERMS, 1)) &&
@@ -195,12 +295,12 @@ static PyObject *rank(PyObject *self, PyObject *arguments)
         const Py_ssize_t stride = coarse->shape[1];
         Rules rules;
         memcpy(&rules, numbered, sizeof(rules));
-        if (out->shape[1] != MOST_TRIED || count < 1 || count > stride || count > MEASURED || !are_rules(&rules)) {
+        if (out->shape[1] != MOST_TRIED || on.count < 1 || count < 1 || count > stride || count > MEASURED || !are_rules(&rules)) {
             PyErr_Format(PyExc_ValueError, "holds, rules or ranked: out of range");
         } else {
             ptrdiff_t found, refused;
             Py_BEGIN_ALLOW_THREADS
-            found = rank_holds(on, around, coarse->buf, stride, count, centre_x, centre_y, &rules, out->buf,
+            found = rank_holds(on, around, &sight, coarse->buf, stride, count, centre_x, centre_y, &rules, out->buf,
                                refusals->buf, &refused);
             Py_END_ALLOW_THREADS
             answer = found < 0 ? failure(found) : Py_BuildValue("nn", found, refused);
@@ -249,7 +349,10 @@ static PyMethodDef methods[] = {
     {"short_side", across, METH_VARARGS, "See projection.short_side: returns the direction."},
     {"thin", thin, METH_VARARGS, "See projection.thin: fills `thinned`, returns the number of points."},
     {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns middle and centre."},
+    {"look", look, METH_VARARGS, "See line_of_sight.look: fills `lens` and `depth`, returns the share that is hidden."},
+    {"assume_back", back, METH_VARARGS, "See unseen_back.assume_back: fills `found`, returns the number of places."},
     {"scan", scan, METH_VARARGS, "See finger_scan.scan: fills `holds`, returns (count, too_wide, narrowest)."},
+    {"measured", measured, METH_VARARGS, "See contact_refinement.measured: fills `found`."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
     {"survey", survey, METH_VARARGS, "See region_report.measure_regions: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},

@@ -23,6 +23,12 @@ typedef struct {
     ptrdiff_t count;
 } Points;
 
+/* The coordinate of a point along the axis in this column of axes (3 × 3 by rows). */
+static inline double project_point(Points cloud, ptrdiff_t i, const double axes[9], int column)
+{
+    return (axes[column] * cloud.x[i] + axes[3 + column] * cloud.y[i]) + axes[6 + column] * cloud.height[i];
+}
+
 /* Sort indices of keys (count) by rising key; equal ones keep their order. spare, bits: (count) to work in. */
 void sort_indices(const double *keys, ptrdiff_t count, int64_t *order, int64_t *spare, uint64_t *bits);
 
@@ -41,7 +47,29 @@ int place_cloud(
     Points cloud, const double axes[9], double table_height, double cell, double *local, double middle[3],
     double centre[2]);
 
-/* profiles.py */
+/* line_of_sight.py */
+#define SIGHT_PIXELS 96
+#define LENS 15
+
+/* Depth images: lenses (count, LENS), depth (count, SIGHT_PIXELS, SIGHT_PIXELS). */
+typedef struct {
+    const double *lenses, *depth;
+    ptrdiff_t count;
+} Sight;
+
+/* Draw the depth (SIGHT_PIXELS, SIGHT_PIXELS) of a cloud, of others, and of ends of lines on which nothing was measured.
+ * Returns the share of the cloud's points that others of it hide. */
+double look_from(Points cloud, Points others, Points unseen, const double eye[3], double lens[LENS], double *depth);
+
+/* How little is known of a place: 0 looked through from a viewpoint, or there is none; 1 not measured; 2 behind a surface. */
+int doubt(const Sight *sight, double x, double y, double height);
+
+/* unseen_back.py. found: (capacity, 3). Returns the number of places or an error. */
+ptrdiff_t assume_back(
+    Points cloud, const double axes[9], double floor, const double image_up[2], double cell, const Sight *sight,
+    double *found, ptrdiff_t capacity);
+
+/* finger_scan.py */
 enum { HOLD_HEADING, HOLD_X, HOLD_Y, HOLD_TIP, HOLD_WIDTH, HOLD_OVERLAP, HOLD_ANGLE, HOLD_ROOM, HOLD_WHOLE, HOLD_TERMS };
 #define MEASURED 160
 
@@ -63,7 +91,7 @@ int scan_holds(Points object, Points others, const ScanSettings *settings, doubl
 /* contacts.py */
 enum {
     CONTACT_HEADING, CONTACT_X, CONTACT_Y, CONTACT_WIDTH, CONTACT_ANGLE, CONTACT_SHARE, CONTACT_OVERLAP, CONTACT_GAP,
-    CONTACT_EMPTY, CONTACT_TERMS
+    CONTACT_AREA, CONTACT_EMPTY, CONTACT_TERMS
 };
 
 /* heading … width: arrays of `count` coarse holds. contacts: (CONTACT_TERMS, count). Returns 0 or an error. */
@@ -71,30 +99,36 @@ int refine_holds(
     Points object, Points others, const double *heading, const double *x, const double *y, const double *tip,
     const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach, double *contacts);
 
+/* contact_refinement.measured. seen: in any order; holds: rows heading, x, y, tip, width of `count`; numbers: how many of
+ * the points are between the pads of each; along, across: how far those reach along its closing axis and across it. */
+void measured_between(
+    Points seen, const double *holds, ptrdiff_t count, double pad_width, double *numbers, double *along_it,
+    double *across_it);
+
 /* ranking.py. Numbers only, in the order of ranking.Rules. */
 typedef struct {
     double pad_width, stroke, finger_thickness, finger_room, wished_room, greatest_width, reach;
     double steepest, parallel, blurred; /* angles of contacts that slip; are as good as parallel; cost all in the scan */
-    double least_overlap, least_contact, most_clearance, far_from_centre;
+    double least_overlap, least_contact, least_area, narrowest, most_clearance, far_from_centre;
     double refined, alike_place, alike_heading, alike_tip;                  /* scoring.best_unlike */
     double place, heading, width, same_place, same_heading, sag, slide;     /* plateaus.places */
     double slid, centred, candidates;
     double shallow, deep, deepest, shallow_share, deep_share, deepest_share; /* scoring.overlap_term */
     double coarse_total, total;                                             /* sums of weights */
-    double w_contact, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole;
+    double w_contact, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole, w_seen;
 } Rules;
 
 enum {
     RANKED_SCORE = CONTACT_TERMS, RANKED_TIP, RANKED_WHOLE, RANKED_ANGLE, RANKED_OVERLAP, RANKED_CENTRE, RANKED_ROOM,
-    RANKED_NARROW, RANKED_OPENING, RANKED_TERMS
+    RANKED_NARROW, RANKED_SEEN, RANKED_OPENING, RANKED_TERMS
 };
 #define MOST_TRIED 64
 
 /* holds: rows of an array (HOLD_TERMS, stride). ranked: (RANKED_TERMS, MOST_TRIED). problems: MOST_TRIED numbers of what
  * speaks against each hold where none holds. Returns the number of ranked ones or an error; *refused: of problems. */
 ptrdiff_t rank_holds(
-    Points object, Points others, const double *holds, ptrdiff_t stride, ptrdiff_t count, double centre_x,
-    double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused);
+    Points object, Points others, const Sight *sight, const double *holds, ptrdiff_t stride, ptrdiff_t count,
+    double centre_x, double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused);
 
 /* survey.py */
 enum { PART_SLAB, PART_CLUSTER, PART_START, PART_STOP, PART_FLAT, PART_SEEN, PART_HELD, PART_COUNTS };

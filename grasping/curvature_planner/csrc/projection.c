@@ -11,12 +11,6 @@ typedef struct {
     ptrdiff_t index;
 } Entry;
 
-/* The coordinate of a point along the axis in this column. */
-static double project(Points cloud, ptrdiff_t i, const double axes[9], int column)
-{
-    return (axes[column] * cloud.x[i] + axes[3 + column] * cloud.y[i]) + axes[6 + column] * cloud.height[i];
-}
-
 /* The direction across points of the plane. */
 static void short_axis(const double *x, const double *y, ptrdiff_t count, double axis[2])
 {
@@ -46,9 +40,9 @@ static void short_axis(const double *x, const double *y, ptrdiff_t count, double
 static void extent(Points cloud, const double axes[9], double low[3], double high[3])
 {
     for (int axis = 0; axis < 3; axis++) {
-        low[axis] = high[axis] = project(cloud, 0, axes, axis);
+        low[axis] = high[axis] = project_point(cloud, 0, axes, axis);
         for (ptrdiff_t i = 1; i < cloud.count; i++) {
-            const double value = project(cloud, i, axes, axis);
+            const double value = project_point(cloud, i, axes, axis);
             low[axis] = least(low[axis], value);
             high[axis] = greatest(high[axis], value);
         }
@@ -80,8 +74,8 @@ static ptrdiff_t taken_cells(Points cloud, const double axes[9], double cell, do
     if (!taken)
         return OUT_OF_MEMORY;
     for (ptrdiff_t i = 0; i < cloud.count; i++)
-        taken[cell_of(project(cloud, i, axes, 0), low[0], cell, lines) * columns +
-              cell_of(project(cloud, i, axes, 1), low[1], cell, columns)] = 1;
+        taken[cell_of(project_point(cloud, i, axes, 0), low[0], cell, lines) * columns +
+              cell_of(project_point(cloud, i, axes, 1), low[1], cell, columns)] = 1;
     ptrdiff_t count = 0;
     for (ptrdiff_t line = 0; line < lines; line++)
         for (ptrdiff_t column = 0; column < columns; column++)
@@ -105,8 +99,8 @@ int short_side(Points cloud, const double axes[9], double cell, double axis[2])
         count = taken_cells(cloud, axes, cell, places);
     else
         for (ptrdiff_t i = 0; i < count; i++) {
-            places[i] = project(cloud, i, axes, 0);
-            places[count + i] = project(cloud, i, axes, 1);
+            places[i] = project_point(cloud, i, axes, 0);
+            places[count + i] = project_point(cloud, i, axes, 1);
         }
     if (count > 0)
         short_axis(places, places + cloud.count, count, axis);
@@ -135,7 +129,7 @@ ptrdiff_t thin_cloud(Points cloud, const double axes[9], double box, double *thi
         ptrdiff_t key = 0;
         double height = 0.0;
         for (int axis = 0; axis < 3; axis++) {
-            height = project(cloud, i, axes, axis);
+            height = project_point(cloud, i, axes, axis);
             key = key * counts[axis] + cell_of(height, low[axis], sizes[axis], counts[axis]);
         }
         if (height >= highest[key].height)
@@ -199,15 +193,15 @@ int place_cloud(
         const int on_table = table_height == table_height;
         middle[2] = on_table ? table_height : low[2];
         for (ptrdiff_t i = 0; i < count; i++) {
-            heights[i] = project(cloud, i, axes, 2);
+            heights[i] = project_point(cloud, i, axes, 2);
             order[i] = i;
         }
         sort_indices(heights, count, order, order + count, bits);
         for (ptrdiff_t i = 0; i < count; i++) {
             const ptrdiff_t from = (ptrdiff_t)order[i];
             const double height = heights[from] - middle[2];
-            local[i] = project(cloud, from, axes, 0) - middle[0];
-            local[count + i] = project(cloud, from, axes, 1) - middle[1];
+            local[i] = project_point(cloud, from, axes, 0) - middle[0];
+            local[count + i] = project_point(cloud, from, axes, 1) - middle[1];
             local[2 * count + i] = on_table ? greatest(height, 0.0) : height; /* under the table is noise of the table */
         }
     }

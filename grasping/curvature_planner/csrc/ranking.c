@@ -3,6 +3,9 @@
 
 #include <math.h>
 
+/* Where a finger's way is looked at: outward in shares of the room that it needs, across in pad widths, and in height. */
+enum { WAY_OUTWARD = 2, WAY_LEVELS = 4, COARSE_LEVELS = 2 };
+static const double WAY_ACROSS[3] = {-0.4, 0.0, 0.4};
 
 /* A hold that was looked at closely; its score is −INFINITY where something speaks against it. */
 typedef struct {
@@ -24,6 +27,7 @@ typedef struct {
 
 typedef struct {
     Points object, others;
+    const Sight *sight;
     double centre_x, centre_y;
     const Rules *rules;
 } Scene;
@@ -46,6 +50,40 @@ static double centre_term(const Scene *scene, double x, double y)
     return clip(1.0 - sqrt(dx * dx + dy * dy) / scene->rules->far_from_centre);
 }
 
+/* The term "narrow": what is as good as nothing is no better than what is too wide. */
+static double narrow_term(const Rules *rules, double width)
+{
+    return least(clip(1.0 - width / rules->stroke), clip(width / rules->narrowest));
+}
+
+/* Share of the fingers' way beside a hold that was seen, what was not measured by half, the worse side; on lines at these places across the pad. */
+static double seen_term(
+    const Scene *scene, double heading, double x, double y, double tip, double width, const double *across, int lines,
+    int levels)
+{
+    static const double OUTWARD[WAY_OUTWARD] = {0.25, 0.75};
+    const Rules *rules = scene->rules;
+    if (!scene->sight->count)
+        return 1.0;
+    const double cosine = cos(heading), sine = sin(heading);
+    const double above = scene->object.height[scene->object.count - 1] - tip;
+    const int all = 2 * WAY_OUTWARD * levels * lines;
+    int fewest = all;
+    for (int side = 1; side >= -1; side -= 2) {
+        int seen = 0;
+        for (int out = 0; out < WAY_OUTWARD; out++)
+            for (int line = 0; line < lines; line++) {
+                const double u = side * (0.5 * width + OUTWARD[out] * rules->finger_room);
+                const double v = across[line] * rules->pad_width;
+                const double at_x = (x + cosine * u) - sine * v, at_y = (y + sine * u) + cosine * v;
+                for (int level = 0; level < levels; level++)
+                    seen += 2 - doubt(scene->sight, at_x, at_y, tip + above * ((double)level / levels));
+            }
+        fewest = seen < fewest ? seen : fewest;
+    }
+    return (double)fewest / (double)all;
+}
+
 static double coarse_score(const Scene *scene, const double *hold, ptrdiff_t stride)
 {
     const Rules *rules = scene->rules;
@@ -55,8 +93,11 @@ static double coarse_score(const Scene *scene, const double *hold, ptrdiff_t str
     score += rules->w_overlap * overlap_term(rules, overlap);
     score += rules->w_centre * centre_term(scene, hold[HOLD_X * stride], hold[HOLD_Y * stride]);
     score += rules->w_room * hold[HOLD_ROOM * stride];
-    score += rules->w_narrow * (1.0 - hold[HOLD_WIDTH * stride] / rules->stroke);
+    score += rules->w_narrow * narrow_term(rules, hold[HOLD_WIDTH * stride]);
     score += rules->w_whole * hold[HOLD_WHOLE * stride];
+    score += rules->w_seen * seen_term(scene, hold[HOLD_HEADING * stride], hold[HOLD_X * stride],
+                                       hold[HOLD_Y * stride], hold[HOLD_TIP * stride], hold[HOLD_WIDTH * stride],
+                                       &WAY_ACROSS[1], 1, COARSE_LEVELS);
     score /= rules->coarse_total;
     return overlap >= rules->least_overlap ? score : score - 1.0;
 }
@@ -105,6 +146,7 @@ static void judge(const Scene *scene, Tried *hold)
     const double gap = of[CONTACT_GAP];
     const int against[] = {
         of[CONTACT_EMPTY] > 0.0,
+        of[CONTACT_AREA] < rules->least_area,
         width > rules->greatest_width,
         gap < rules->finger_room,
         overlap < rules->least_overlap,
@@ -112,7 +154,7 @@ static void judge(const Scene *scene, Tried *hold)
         of[CONTACT_SHARE] < rules->least_contact,
     };
     hold->problem = -1;
-    for (int i = 5; i >= 0; i--)
+    for (int i = 6; i >= 0; i--)
         hold->problem = against[i] ? i : hold->problem;
     double clear = gap - rules->finger_thickness > 0.0 ? gap - rules->finger_thickness : 0.0;
     clear = clear < rules->most_clearance ? clear : rules->most_clearance;
@@ -121,7 +163,9 @@ static void judge(const Scene *scene, Tried *hold)
     of[RANKED_OVERLAP] = overlap_term(rules, overlap);
     of[RANKED_CENTRE] = centre_term(scene, of[CONTACT_X], of[CONTACT_Y]);
     of[RANKED_ROOM] = clip((gap - rules->finger_room) / (rules->wished_room - rules->finger_room));
-    of[RANKED_NARROW] = clip(1.0 - width / rules->stroke);
+    of[RANKED_NARROW] = narrow_term(rules, width);
+    of[RANKED_SEEN] = hold->problem >= 0 ? 0.0 : seen_term(
+        scene, of[CONTACT_HEADING], of[CONTACT_X], of[CONTACT_Y], of[RANKED_TIP], width, WAY_ACROSS, 3, WAY_LEVELS);
     of[RANKED_OPENING] = opening < rules->stroke ? opening : rules->stroke;
     double score = 0.0;
     score += rules->w_contact * of[CONTACT_SHARE];
@@ -131,6 +175,7 @@ static void judge(const Scene *scene, Tried *hold)
     score += rules->w_room * of[RANKED_ROOM];
     score += rules->w_narrow * of[RANKED_NARROW];
     score += rules->w_whole * of[RANKED_WHOLE];
+    score += rules->w_seen * of[RANKED_SEEN];
     of[RANKED_SCORE] = hold->problem < 0 ? score / rules->total : -INFINITY;
 }
 
@@ -216,7 +261,7 @@ static Places places(const Found *found, const Rules *rules, ptrdiff_t most)
         there.y[to] = y;
         there.tip[to] = best[RANKED_TIP];
         there.width[to] = width;
-        there.whole[to] = whole;
+        there.whole[to] = least(whole, 1.0);
         there.best[to] = top;
     }
     return there;
@@ -248,10 +293,10 @@ static void put(const Tried *hold, ptrdiff_t at, double *ranked)
 }
 
 ptrdiff_t rank_holds(
-    Points object, Points others, const double *holds, ptrdiff_t stride, ptrdiff_t count, double centre_x,
-    double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused)
+    Points object, Points others, const Sight *sight, const double *holds, ptrdiff_t stride, ptrdiff_t count,
+    double centre_x, double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused)
 {
-    const Scene scene = {object, others, centre_x, centre_y, rules};
+    const Scene scene = {object, others, sight, centre_x, centre_y, rules};
     Found found, middles;
     found.count = middles.count = *refused = 0;
     const Places chosen = best_unlike(&scene, holds, stride, count);

@@ -22,12 +22,15 @@ needs_kernels = pytest.mark.skipif(not grasping.compiled, reason="this installat
 BAR = grid((-0.1, 0.1), (-0.012, 0.012), step=0.004)  # hangs over the object, between the fingers
 NEIGHBOURS = np.vstack([moved(box_top(0.05, 0.03, 0.08), y=0.05), np.column_stack([BAR, np.full(len(BAR), 0.14)])])
 ROOF = roof(0.25)
+HOLES = np.column_stack([grid((-0.3, -0.1), (-0.05, 0.01), step=0.004), np.zeros(51 * 16)])
 SCENES: list[dict[str, Any]] = [
     {"up": UP, "table": TABLE},
     {"up": UP},
     {},
     {"up": UP, "table": TABLE, "obstacles": NEIGHBOURS},
     {"up": UP, "table": TABLE, "obstacles": ROOF},  # under which hands are tilted
+    {"up": UP, "table": TABLE, "obstacles": NEIGHBOURS, "viewpoint": [0.5, 0.1, 0.25], "unseen": HOLES},
+    {"viewpoint": [[0.5, 0.1, 0.25], [0.2, -0.4, 0.3]], "unseen": HOLES},
 ]
 
 
@@ -71,7 +74,9 @@ SHAPES = {
 
 @needs_kernels
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("scene", SCENES, ids=["table", "up", "nothing known", "neighbours", "roof"])
+@pytest.mark.parametrize(
+    "scene", SCENES, ids=["table", "up", "nothing known", "neighbours", "roof", "viewpoint", "two viewpoints"]
+)
 def test_plans_of_shapes_full_of_ties_are_identical(name: str, scene: dict[str, Any]) -> None:
     assert_agreement(SHAPES[name], scene)
 
@@ -120,7 +125,9 @@ def test_any_numbers_end_alike(cloud: np.ndarray, scene: dict[str, Any]) -> None
 
 
 @needs_kernels
-@pytest.mark.parametrize("scene", SCENES, ids=["table", "up", "nothing known", "neighbours", "roof"])
+@pytest.mark.parametrize(
+    "scene", SCENES, ids=["table", "up", "nothing known", "neighbours", "roof", "viewpoint", "two viewpoints"]
+)
 def test_the_sign_of_zero_makes_no_difference(scene: dict[str, Any]) -> None:
     """A sum of negative zeros is 0 where it begins with 0, and −0 where it begins with the first of them."""
     cloud = np.full((10, 3), -0.0)
