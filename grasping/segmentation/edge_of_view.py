@@ -45,7 +45,10 @@ class _Side:
 
     def cuts(self, along: IntArray, at: IntArray) -> bool:
         """along, at: (M,) the object's rows and columns."""
-        own = np.unique(along[at <= self.first[along] + 1])  # rows that begin with the object
+        begins = at <= self.first[along] + 1
+        if np.count_nonzero(begins) < CONTACT:
+            return False
+        own = np.unique(along[begins])  # rows that begin with the object
         if len(own) < CONTACT:
             return False
         own = own[self.at_line[own]]

@@ -113,7 +113,7 @@ def edge_owners(points: NDArray, objects: list[IntArray], on_ramps: IntArray, co
 
     An edge is two pixels wide, each on the same surface as one next to it. objects: pixels (M,) of each.
     """
-    number = np.full(len(points), -1, dtype=np.int64)
+    number = np.full(len(points), -1, dtype=np.int32)
     for each, index in enumerate(objects):
         number[index] = each
     owners = np.full(len(on_ramps), -1, dtype=np.int64)
@@ -124,7 +124,7 @@ def edge_owners(points: NDArray, objects: list[IntArray], on_ramps: IntArray, co
     return owners
 
 
-def _beside_object(points: NDArray, number: IntArray, pixels: IntArray, columns: int) -> IntArray:
+def _beside_object(points: NDArray, number: NDArray[np.int32], pixels: IntArray, columns: int) -> IntArray:
     owners = np.full(len(pixels), -1, dtype=np.int64)
     nearest = np.full(len(pixels), SAME_SURFACE**2)
     own = points.take(pixels, axis=0)

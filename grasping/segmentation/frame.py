@@ -108,7 +108,8 @@ class Frame:
             return kept
         owners = edge_owners(self.points, kept, on_ramps, self.shape[1])
         self.reject("points", "on a ramp between two surfaces", int(np.count_nonzero(owners < 0)))
-        return [np.sort(np.append(index, on_ramps[owners == number])) for number, index in enumerate(kept)]
+        own = [on_ramps[owners == number] for number in range(len(kept))]
+        return [np.sort(np.append(a, b)) if len(b) else a for a, b in zip(kept, own, strict=True)]
 
     @cached_property
     def sight(self) -> LinesOfSight | None:
@@ -173,7 +174,7 @@ class Frame:
         """How large what these points show is across the line of sight, m². pitch: m between points of the table."""
         if self.sight is None:
             return len(index) * pitch**2
-        across = self.points.take(index, axis=0).astype(np.float64) - self.sight.viewpoint
+        across = self.points.take(index, axis=0) - self.sight.viewpoint.astype(self.points.dtype)
         return float(np.einsum("ij,ij->", across, across)) * self.sight.pixel**2
 
     def _distance(self) -> NDArray:

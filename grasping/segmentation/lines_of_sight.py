@@ -42,19 +42,16 @@ class LinesOfSight:
         # A pixel (column, row, 1) looks along A · pixel: their cross product is zero, linear in A's nine numbers.
         pixels = self._pixels(index)
         x, y, z = seen.T[:, :, None]
-        none = np.zeros_like(pixels)
-        rows = np.vstack(
-            [
-                np.hstack([none, -z * pixels, y * pixels]),
-                np.hstack([z * pixels, none, -x * pixels]),
-                np.hstack([-y * pixels, x * pixels, none]),
-            ]
-        )
-        self._A = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
+        rows = np.zeros((3, len(index), 9))
+        rows[0, :, 3:6], rows[0, :, 6:] = -z * pixels, y * pixels
+        rows[1, :, :3], rows[1, :, 6:] = z * pixels, -x * pixels
+        rows[2, :, :3], rows[2, :, 3:6] = -y * pixels, x * pixels
+        flat = rows.reshape(-1, 9)
+        self._A = np.linalg.eigh(flat.T @ flat)[1][:, 0].reshape(3, 3)
         along = (self.directions(index) * seen).sum(axis=1)
-        if np.median(along) < 0:
+        if along.sum() < 0:
             self._A, along = -self._A, -along
-        self.fits = bool(np.quantile(along, 0.1) > np.cos(MOST_ERROR))
+        self.fits = bool(np.count_nonzero(along > np.cos(MOST_ERROR)) >= 0.9 * len(along))
         middle = (shape[0] // 2) * shape[1] + shape[1] // 2
         one, other = self.directions(np.array([middle, middle - 1]))
         self.pixel = float(np.linalg.norm(one - other))
@@ -87,19 +84,21 @@ class LinesOfSight:
         holes (H · W,): pixels without depth. index, points (M, 3): the object's pixels and where they are. plane: the
         lines end on this table, and without one as far away as the object's farthest point.
         """
-        distance = np.linalg.norm(points.astype(np.float64) - self.viewpoint, axis=1)
-        across = BESIDE / max(float(np.median(distance)) * self.pixel, 1e-6)
+        middle = float(np.linalg.norm(points[len(points) // 2] - self.viewpoint))
+        across = BESIDE / max(middle * self.pixel, 1e-6)
         reach = int(np.clip(np.ceil(across), 1, max(self.shape)))
         at = holes_at(holes.reshape(self.shape), index, reach)
         if not len(at):
             return np.empty((0, 3))
         along = self.directions(at)
-        far = np.full(len(at), float(distance.max()))
+        far = np.zeros(len(at))
         if plane is not None:
             sinking = -(along @ plane[:3])
             height = float(self.viewpoint @ plane[:3] + plane[3])
             meets = (sinking > 1e-6) & (height > 0)
             far[meets] = height / sinking[meets]
+        if not far.all():
+            far[far == 0] = np.linalg.norm(points - self.viewpoint, axis=1).max()
         return np.asarray(self.viewpoint + far[:, None] * along)
 
 
@@ -112,19 +111,37 @@ def holes_at(holes: NDArray[np.bool_], index: IntArray, reach: int) -> IntArray:
         return np.empty(0, dtype=np.int64)
     own = np.zeros(window.shape, dtype=bool)
     own[row - top, column - left] = True
-    beside = ndimage.maximum_filter(own, 2 * reach + 1)
-    together, count = ndimage.label((beside | _between(own)) & window, structure=np.ones((3, 3)))
+    unmeasured = (_spread(own, reach) | _between(own)) & window
+    if not unmeasured.any():
+        return np.empty(0, dtype=np.int64)
+    together, count = ndimage.label(unmeasured | own, structure=np.ones((3, 3)))
     belongs = np.zeros(count + 1, dtype=bool)
-    belongs[together[ndimage.maximum_filter(own, 3)]] = True
-    belongs[0] = False
-    rows, columns = np.nonzero(belongs[together])
+    belongs[together[row - top, column - left]] = True
+    rows, columns = np.nonzero(unmeasured & belongs[together])
     return np.asarray((rows + top) * holes.shape[1] + columns + left, dtype=np.int64)
+
+
+def _spread(own: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """The mask (H, W) and all within so many rows and columns of it."""
+    spread = own.copy()
+    for target in (spread, spread.T):
+        done = 0
+        while done < reach:
+            step = min(2 * done + 1, reach - done)
+            before = target.copy()
+            target[step:] |= before[:-step]
+            target[:-step] |= before[step:]
+            done += step
+    return spread
 
 
 def _between(own: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels with some of the object's on all four sides."""
-    inside = np.ones(own.shape, dtype=bool)
-    for axis in (0, 1):
-        inside &= np.logical_or.accumulate(own, axis=axis)
-        inside &= np.flip(np.logical_or.accumulate(np.flip(own, axis), axis=axis), axis)
-    return inside
+    rows, columns = np.arange(own.shape[0])[:, None], np.arange(own.shape[1])
+    top, left = own.argmax(axis=0), own.argmax(axis=1)[:, None]
+    bottom = own.shape[0] - 1 - own[::-1].argmax(axis=0)
+    right = (own.shape[1] - 1 - own[:, ::-1].argmax(axis=1))[:, None]
+    inside = (rows > top) & (rows < bottom) & (columns > left) & (columns < right)
+    inside &= own.any(axis=0)
+    inside &= own.any(axis=1, keepdims=True)
+    return np.asarray(inside)

@@ -28,13 +28,20 @@ def join_walls(walls: list[tuple[FloatArray, NDArray]]) -> list[list[int]]:
 
     walls: of each thing where its points are on the table (M, 2) and above it (M,), m.
     """
-    tops = [float(np.quantile(height[:: max(1, len(height) // SAMPLED)], 0.98)) for _, height in walls]
+    tops = [_top(height) for _, height in walls]
     group = list(range(len(walls)))
     for i, j in combinations(range(len(walls)), 2):
         alike = abs(tops[i] - tops[j]) <= max(SAME_HEIGHT * max(tops[i], tops[j]), LEAST_EDGE)
         if alike and group[i] != group[j] and _arcs_of_one_circle(_edge(*walls[i], tops[i]), _edge(*walls[j], tops[j])):
             group = [group[i] if each == group[j] else each for each in group]
     return [[i for i in range(len(walls)) if group[i] == number] for number in sorted(set(group))]
+
+
+def _top(height: NDArray) -> float:
+    """What all but a fiftieth of the heights are at most."""
+    sample = height[:: max(1, len(height) // SAMPLED)]
+    last = int(0.98 * (len(sample) - 1))
+    return float(np.partition(sample, last)[last])
 
 
 def _edge(flat: FloatArray, height: NDArray, top: float) -> FloatArray:

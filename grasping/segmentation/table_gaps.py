@@ -35,8 +35,13 @@ def parts_by_table(pixels: IntArray, flat: FloatArray, height: NDArray, columns:
     # A row and a column wider than the cluster, so that erosion sees where it ends.
     picture = np.zeros((at[0].max() + 2, at[1].max() + 2), dtype=bool)
     picture[at] = True
-    inner = ndimage.binary_erosion(picture)
+    inner = np.zeros_like(picture)
+    inner[1:-1, 1:-1] = (
+        picture[1:-1, 1:-1] & picture[:-2, 1:-1] & picture[2:, 1:-1] & picture[1:-1, :-2] & picture[1:-1, 2:]
+    )
     fragments, origin = _fragments(picture, inner)
+    if len(origin) == 2:
+        return np.zeros(len(pixels), dtype=np.int64)
     fragment, border = fragments[at], ~inner[at]
     # Each fragment is looked at by its border. One whose border pixels all fell to its neighbours has none: a crumb.
     large = np.flatnonzero((np.bincount(fragment) >= least) & np.bincount(fragment, weights=border).astype(bool))
@@ -63,6 +68,8 @@ def _fragments(picture: NDArray[np.bool_], inner: NDArray[np.bool_]) -> tuple[ND
     origin = list(range(count + 1))
     large = np.flatnonzero(np.bincount(cores.reshape(-1), minlength=found + 1) >= LARGE)
     large = large[large > 0]
+    if len(large) < 2:
+        return whole, np.array(origin)
     home = np.zeros(found + 1, dtype=int)  # the fragment that each core is in
     home[cores[inner]] = whole[inner]
     boxes = ndimage.find_objects(whole)

@@ -83,7 +83,7 @@ def find_table(
     planes = find_planes(points, up, rng, coarse, band)
     if not planes:
         return Found("no plane is level enough to be a table", [])
-    weights = np.ones(len(points)) if view is None else _weights(points, view)
+    weights = np.ones(len(points)) if view is None or len(planes) == 1 else _weights(points, view)
     candidates = [_Candidate(_upwards(plane, points, up), points, weights) for plane in planes]
     walls = [] if up is not None or view is None else _walls(candidates, view)
     upright = sum(each.share for each in walls), sum(each.weight for each in walls)
@@ -112,6 +112,11 @@ class _Candidate:
         self.weight = float(weights[inside].sum() / weights.sum())
         self.middle = self.members.mean(axis=0) if len(self.members) else np.zeros(3)
 
+    @cached_property
+    def width(self) -> float:
+        """How wide its patch is across, m."""
+        return _width(self.members)
+
     def refusal(self, up: FloatArray | None, walls: float = 0.0, weight_of_walls: float = 0.0) -> str | None:
         """Why this can be no table. walls: the share of the points on walls, and of their weights."""
         if max(self.share / (1.0 - walls + 1e-9), self.weight / (1.0 - weight_of_walls + 1e-9)) < LEAST_SHARE:
@@ -119,8 +124,8 @@ class _Candidate:
         if up is not None and self.normal @ up < np.cos(MOST_TILT):
             tilt = np.degrees(np.arccos(np.clip(self.normal @ up, -1, 1)))
             return f"the largest plane is tilted by {tilt:.0f}° against up"
-        if (wide := _width(self.members)) < LEAST_EXTENT:
-            return f"the largest plane is only {wide * 100:.0f} cm wide"
+        if self.width < LEAST_EXTENT:
+            return f"the largest plane is only {self.width * 100:.0f} cm wide"
         return None
 
     @cached_property
@@ -144,7 +149,7 @@ def over_outline(plane: Plane, points: FloatArray, members: FloatArray) -> tuple
 
 def _walls(candidates: list[_Candidate], view: View) -> list[_Candidate]:
     """Those that stand across one that is more likely level."""
-    wide = [each for each in candidates if _width(each.members) >= LEAST_EXTENT and each.plane.equation[3] > 0.1]
+    wide = [each for each in candidates if each.width >= LEAST_EXTENT and each.plane.equation[3] > 0.1]
     turned = [_turned(each.normal, view) for each in wide]
     return [
         each
@@ -201,7 +206,7 @@ def _weights(points: FloatArray, view: View) -> FloatArray:
 def _others(candidates: list[_Candidate], table: _Candidate) -> list[OtherPlane]:
     found = []
     for each in sorted(candidates, key=lambda each: -each.share):
-        if _width(each.members) < LEAST_EXTENT:
+        if each.width < LEAST_EXTENT:
             continue  # the face of a thing
         cosine = float(each.normal @ table.normal)
         angle = float(np.degrees(np.arccos(min(abs(cosine), 1.0))))
