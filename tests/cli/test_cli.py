@@ -90,4 +90,4 @@ def test_a_command_has_hydras_help_and_runs_from_any_folder(tmp_path):
     shown = pecgrasp("train", "--help", cwd=tmp_path)
     assert shown.returncode == 0
     assert "train is powered by Hydra" in shown.stdout
-    assert "dataset: folder, generated" in shown.stdout
+    assert "dataset: clouds, folder, generated" in shown.stdout
