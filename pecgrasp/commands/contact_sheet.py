@@ -15,7 +15,12 @@ from pecgrasp_env.objects.contact_sheet import contact_sheet
 def main(cfg: DictConfig) -> None:
     try:
         objects = open_objects(
-            cfg.objects.path, cfg.objects.classes, cfg.instances, cfg.objects.seed, cfg.objects.scale
+            cfg.objects.path,
+            cfg.objects.classes,
+            cfg.instances,
+            cfg.objects.seed,
+            cfg.objects.scale,
+            cfg.objects.allow_open,
         )
         groups = [
             (name, [objects.load(name, i) for i in range(min(cfg.instances, len(objects.names(name))))])

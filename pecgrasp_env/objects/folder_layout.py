@@ -67,10 +67,11 @@ class MeshSource:
 
 def find_classes(root: Path) -> dict[str, Path]:
     """The folders of the classes by name. Raises ObjectError, with the way out, where there are none."""
-    folders = {p.name: p for p in sorted(root.iterdir()) if p.is_dir() and not p.name.startswith(".")}
+    folders = _subfolders(root)
+    with_meshes = [name for name in folders if next(_below(folders[name]), None)]
     wanted = f"expected class_name/instance{{{','.join(SUFFIXES)}}}"
-    if _urdf(root) or (folders and all(name.lower() in _INNER for name in folders)):
-        inner = next((folders[n] for n in folders if any(p.is_dir() for p in folders[n].iterdir())), None)
+    if _urdf(root) or (with_meshes and all(name.lower() in _INNER for name in with_meshes)):
+        inner = next((folders[n] for n in with_meshes if _subfolders(folders[n])), None)
         if not _urdf(root) and inner is not None:
             raise ObjectError(f"{root} has no classes, but {inner} may: give objects.path={shlex.quote(str(inner))}")
         raise ObjectError(
@@ -78,7 +79,7 @@ def find_classes(root: Path) -> dict[str, Path]:
             f"objects.path={shlex.quote(str(root.resolve().parent))} 'objects.classes=[{root.resolve().name}]'"
         )
     loose = _meshes(root)
-    if loose and not any(next(_below(folder), None) for folder in folders.values()):
+    if loose and not with_meshes:
         suffix = loose[0].suffix
         raise ObjectError(
             f"{root} has no classes: {wanted}, and {len(loose)} meshes lie in it directly, {loose[0].name} the first. "
@@ -97,7 +98,7 @@ def find_instances(folder: Path) -> list[MeshSource]:
     """The instances of a class, in alphabetical order. Raises ObjectError where there is none, or what lies there
     could be read in several ways; the message has the command that lays it out.
     """
-    inside = {p.name: p for p in sorted(folder.iterdir()) if p.is_dir() and not p.name.startswith(".")}
+    inside = _subfolders(folder)
     direct = _meshes(folder)
     named = [file for file in direct if file.stem.lower() not in _FORMS]
     inner = [p for name, p in inside.items() if name.lower() in _INNER and next(_below(p), None)]
@@ -128,15 +129,22 @@ def mesh_of_object(folder: Path) -> MeshSource:
     best = min(files, key=lambda file: _rank(file, folder))
     rivals = [file for file in files if _rank(file, folder)[:2] == _rank(best, folder)[:2] and file.stem != best.stem]
     if rivals:
-        where = best.parent.relative_to(folder.parent)
         raise ObjectError(
             f"{folder} lies where an object is expected and holds several meshes, {best.name} and {rivals[0].name} "
-            f"among them. Where each is an instance, of the class {folder.name}, lay them out as class/instance:\n"
-            f"  mkdir -p LAID_OUT && cp -r {shlex.quote(str(folder.parent.parent / where))} "
-            f"LAID_OUT/{shlex.quote(folder.name)}\n"
+            f"among them. Where each is an instance of class {best.parent.name}, lay out the classes side by side:\n"
+            f"  mkdir LAID_OUT && cp -r {shlex.quote(str(best.parent.parent))}/* LAID_OUT/\n"
             "then objects.path=LAID_OUT. Where they are pieces of one object, join them to one file (Blender, MeshLab)"
         )
     return MeshSource(folder.name, ((best, None),))
+
+
+def _subfolders(folder: Path) -> dict[str, Path]:
+    """The folders in a folder by name, but for hidden ones and those made for collisions."""
+    return {
+        p.name: p
+        for p in sorted(folder.iterdir())
+        if p.is_dir() and not p.name.startswith(".") and not _FOR_PHYSICS.search(p.name.lower())
+    }
 
 
 def _meshes(folder: Path) -> list[Path]:
@@ -151,9 +159,8 @@ def _meshes(folder: Path) -> list[Path]:
 def _below(folder: Path) -> Iterator[Path]:
     """The meshes in a folder and in those below it, but for those made for collisions."""
     yield from _meshes(folder)
-    for sub in sorted(folder.iterdir()):
-        if sub.is_dir() and not sub.name.startswith(".") and not _FOR_PHYSICS.search(sub.name.lower()):
-            yield from _below(sub)
+    for sub in _subfolders(folder).values():
+        yield from _below(sub)
 
 
 def _rank(file: Path, folder: Path) -> tuple[int, int, int]:
@@ -231,7 +238,7 @@ def _resolved(urdf: Path, named: str) -> Path | None:
     relative = Path(re.sub(r"^(package|model|file)://", "", named))
     parts = [relative, *(Path(*relative.parts[i:]) for i in range(1, len(relative.parts)))]
     bases = [urdf.parent, *list(urdf.parents)[1:4]]
-    return next((base / part for part in parts for base in bases if (base / part).is_file()), None)
+    return next((base / part for base in bases for part in parts if (base / part).is_file()), None)
 
 
 def _numbers(urdf: Path, element: ET.Element, name: str, default: str) -> list[float]:

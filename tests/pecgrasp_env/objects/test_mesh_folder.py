@@ -1,5 +1,7 @@
 """One's own meshes: what is taken, what is cached, what is refused and how."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ from pecgrasp_env.objects import MeshFolder, ObjectError, open_objects
 from pecgrasp_env.objects import mesh_folder as module
 from pecgrasp_env.objects.meshing import convex_cache
 from pecgrasp_env.objects.meshing import convex_decomposition as decompose
-from pecgrasp_env.objects.meshing.mesh_cache import cache_folder
+from pecgrasp_env.objects.meshing.convex_hulls import convex_hull, depth_below
+from pecgrasp_env.objects.meshing.mesh_cache import cache_folder, with_normals
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "meshes"
 
@@ -46,7 +49,7 @@ def test_classes_are_folders_and_instances_are_files(tmp_path):
         model = folder.load("brick", i)
         np.testing.assert_allclose(model.extents, [0.1, 0.06, 0.04], atol=1e-6)
         assert (model.class_name, model.instance) == ("brick", "abcd"[i])
-        assert model.mass == pytest.approx(0.1 * 0.06 * 0.04 * module.DENSITY, rel=0.05)
+        assert model.mass == pytest.approx(0.1 * 0.06 * 0.04 * module.DENSITY, rel=0.01)
         np.testing.assert_allclose(np.concatenate(model.hulls).mean(axis=0), 0, atol=0.003)
 
 
@@ -135,6 +138,95 @@ def test_a_light_mesh_weighs_what_a_gripper_can_hold(tmp_path):
     put(tmp_path, "crate/a.ply", trimesh.creation.box((0.5, 0.5, 0.5)))
     assert MeshFolder(tmp_path).load("dice", 0).mass == pytest.approx(0.02)
     assert MeshFolder(tmp_path).load("crate", 0).mass == pytest.approx(module.HEAVIEST)
+
+
+def test_the_mass_is_that_of_the_mesh_not_of_its_convex_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr(decompose, "MOST_FACES", 0)  # halving fills in what a wall bends around
+    ring = trimesh.creation.annulus(0.04, 0.05, 0.06)
+    put(tmp_path, "ring/a.ply", ring)
+    model = MeshFolder(tmp_path).load("ring", 0)
+    assert model.volume > 1.04 * ring.volume
+    assert model.mass == pytest.approx(module.DENSITY * ring.volume, rel=1e-3)
+    scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
+    entity = model.add_to(scene.create_actor_builder()).build("ring")
+    body = entity.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+    assert body.mass == pytest.approx(model.mass, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_two_sided_tray_is_a_thin_shell(tmp_path):
+    tray = brick()
+    tray.update_faces(tray.face_normals[:, 2] < 0.5)
+    tray.faces = np.vstack([tray.faces, tray.faces[:, ::-1]])
+    put(tmp_path, "tray/a.ply", tray)
+    with pytest.warns(module.MeshWarning, match=r"a\.ply: each face is there once for each side: .* thin open shell"):
+        model = MeshFolder(tmp_path).load("tray", 0)
+    assert len(model.hulls) > 1
+    assert model.volume < 0.5 * 0.1 * 0.06 * 0.04
+    inside = np.array([0, 0, 0.01])  # of the middle of the box; the hulls are centred lower
+    middle = (model.parts[0].vertices.max(axis=0) + model.parts[0].vertices.min(axis=0)) / 2
+    assert all(depth_below((middle + inside)[None], convex_hull(hull.astype(float)))[0] < 0 for hull in model.hulls)
+
+
+def test_preparing_finds_each_mesh_once_and_names_those_that_cannot_be_used(tmp_path, monkeypatch):
+    for name in ("brick/a.ply", "brick/b.ply", "block/c.ply"):
+        put(tmp_path, name, brick())
+    put(tmp_path, "block/flat.ply", trimesh.creation.box((0.1, 0.1, 1e-7)))
+    calls, told = [], []
+
+    def counted(vertices, faces):
+        calls.append(len(faces))
+        return decompose.decompose(vertices, faces)
+
+    monkeypatch.setattr(convex_cache, "decompose", counted)
+    errors = MeshFolder(tmp_path).prepare(at_once=3, progress=lambda done, total: told.append((done, total)))
+    assert told == [(i, 4) for i in range(5)]
+    assert calls == [12]  # three of one shape, at one time
+    assert list(errors) == [("block", 1)]
+    assert "flat.ply is a flat sheet" in str(errors["block", 1])
+    (file,) = cache_folder().iterdir()
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])  # as a full disk leaves it
+    assert not MeshFolder(tmp_path, classes=["brick"]).prepare()
+    assert calls == [12, 12]
+    assert len(MeshFolder(tmp_path).load("brick", 0).hulls) == 1
+
+
+def test_thousands_of_faces_at_one_vertex_take_no_more_than_others():
+    """A cone of 24,000 faces and its bottom: pairs of them all would be 1.2 billion."""
+    n = 24_000
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    rim = np.stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), 0 * angle], axis=1)
+    vertices = np.vstack([[0, 0, 0.04], [0, 0, 0], rim]).astype(np.float32)
+    here, following = np.arange(n) + 2, (np.arange(n) + 1) % n + 2
+    faces = np.vstack([np.stack([0 * here, here, following], 1), np.stack([0 * here + 1, following, here], 1)])
+    points, index, normals, _ = with_normals(vertices, faces.astype(np.int32))
+    below = index[n:]
+    np.testing.assert_allclose(normals[below].reshape(-1, 3), np.tile([0, 0, -1.0], (3 * n, 1)), atol=1e-3)
+    side = normals[index[:n, 1]]
+    np.testing.assert_allclose(side, rim / 0.04 * 0.5**0.5 + [0, 0, 0.5**0.5], atol=0.01)
+    tip = normals[index[:n, 0]]
+    assert (np.einsum("ij,ij->i", tip, side) > np.cos(np.radians(40))).all()
+    np.testing.assert_array_equal(points[index[:n, 0]], np.tile(vertices[0], (n, 1)))
+
+
+@pytest.mark.slow
+def test_a_million_faces_need_less_than_a_gigabyte(tmp_path):
+    ball = trimesh.creation.icosphere(8, 0.04)
+    ball.vertices *= 1 + 0.15 * np.sin(9 * ball.vertices[:, 2:] / 0.04)
+    ball.update_faces(np.arange(len(ball.faces)) < 1_000_000)
+    (tmp_path / "ball").mkdir()
+    ball.export(str(tmp_path / "ball" / "a.ply"))
+    code = (
+        "import resource, sys; from pecgrasp_env.objects import MeshFolder\n"
+        "from pecgrasp_env.objects.meshing.mesh_cache import visual_file\n"
+        "model = MeshFolder(sys.argv[1], allow_open=True).load('ball', 0); visual_file(model.parts)\n"
+        "print(len(model.parts[0].faces), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
+    n_faces, kilobytes = map(int, ran.stdout.split())
+    assert n_faces == 1_000_000
+    assert kilobytes < 1_000_000
 
 
 def test_folders_that_are_refused(tmp_path):
