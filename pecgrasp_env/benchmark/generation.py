@@ -1,8 +1,9 @@
-"""Labelled clouds a second, beside one ManiSkill environment of as many pixels stepped for each cloud, and where the
-time goes.
+"""Labelled clouds a second beside the rasteriser alone, and beside one ManiSkill environment of as many pixels stepped
+for each cloud; and where the time goes.
 
 The rate is that of a whole `generate`, files included, from its first shard to its last: processes start but once. The
-floor is the rasteriser alone: the frames that one process draws and reads back of the same objects in the same poses.
+yardstick is the rasteriser alone: the frames that one process draws and reads back of the same objects in the same
+poses.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pecgrasp_env.benchmark.timing import Row, Timing, rows_of
+from pecgrasp_env.benchmark.timing import Row, Timing, limited, rows_of
 from pecgrasp_env.objects import LARS_CLASSES, make_object
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["generation", "memory_growth"]
 
+_RASTERISER = "rasteriser alone"
 _STEPPED = "ManiSkill, a step a cloud"
 _WARM_UP = 500  # frames after which buffers have their size
 _SAMPLES = 50  # of an object, captured in one go where memory is measured
@@ -64,14 +66,16 @@ def generation(settings: Mapping[str, Any]) -> list[Row]:
             seconds.setdefault((case, _STEPPED), []).append(step())
     times = {key: Timing(float(np.median(each)), float("nan")) for key, each in seconds.items()}
     rows = []
-    for (case, name), timing in times.items():
-        # The ratio is to ManiSkill with as many pixels.
-        yardstick = times[f"PickCube-v1 pointcloud {case.split()[-1]}", _STEPPED]
-        row = rows_of({_STEPPED: yardstick, name: timing}, _STEPPED, case, rate="clouds/s")[-1]
-        least = settings["generate_at_least"].get(case)
-        rows.append(row | ({"at_least": least} if least and name != "1 worker" else {}))
     for case, config in cases.items():
-        rows += _shares(case, config)
+        shares = _shares(config)
+        stepped_case = f"PickCube-v1 pointcloud {config.resolutions[0]}"
+        beside = {_RASTERISER: shares[_RASTERISER], _STEPPED: times[stepped_case, _STEPPED]}
+        beside |= {name: timing for (of, name), timing in times.items() if of == case}
+        for row in rows_of(beside, _RASTERISER, case, rate="clouds/s"):
+            limit = settings["generate_at_most"].get(case) if row["name"].endswith("workers") else None
+            what = stepped_case if row["name"] == _STEPPED else case
+            rows.append(limited(row, limit) | {"what": what})
+        rows += rows_of(shares, "all of it", f"{case}, one process", rate="clouds/s")
     if settings["memory_frames"]:
         rows += [memory_growth(case, _capture(config), settings["memory_frames"]) for case, config in cases.items()]
     return rows
@@ -93,8 +97,8 @@ def _seconds_a_cloud(config: CaptureConfig, workers: int) -> float:
     return (last - first) / (n_last - n_first)
 
 
-def _shares(case: str, config: CaptureConfig) -> list[Row]:
-    """What one process spends on a cloud, by part; the rasteriser's is the floor."""
+def _shares(config: CaptureConfig) -> dict[str, Timing]:
+    """What one process spends on a cloud, by part and in all; the rasteriser's is the yardstick."""
     from pecgrasp_env.capture.rendering import tabletop_depth as table
     from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer
     from pecgrasp_env.capture.scenarios import free, tabletop
@@ -103,7 +107,7 @@ def _shares(case: str, config: CaptureConfig) -> list[Row]:
     scenario.capture(subjects, 0, 2)  # resting poses, cameras
     spent: dict[str, float] = {}
     with (
-        _timed(DepthRenderer, "render_window", spent, "rasteriser alone (the floor)"),
+        _timed(DepthRenderer, "render_window", spent, _RASTERISER),
         _timed(free, "measure", spent, "sensor model"),
         _timed(tabletop, "measure", spent, "sensor model"),
         _timed(tabletop, "segment_frame", spent, "segmentation"),
@@ -117,7 +121,7 @@ def _shares(case: str, config: CaptureConfig) -> list[Row]:
     parts["the rest"] = total - sum(parts.values())
     times = {name: Timing(value / n, float("nan")) for name, value in parts.items()}
     times["all of it"] = Timing(total / n, float("nan"))
-    return rows_of(times, "all of it", f"{case}, one process", rate="clouds/s")
+    return times
 
 
 @contextmanager
