@@ -6,7 +6,8 @@ import numpy as np
 
 from pecgrasp_env.robot.kinematics import UP
 
-_GENTLE_N, _USUAL_N, _FIRM_N = 20.0, 60.0, 100.0
+_GENTLE_N, _USUAL_N = 30.0, 60.0
+_MORE_N = 40.0  # where it has slipped
 _SMALL_M3, _LARGE_M3 = 50e-6, 150e-6  # up to the first the gentle force, from the second on the usual one
 _CELL_M = 0.004
 
@@ -15,12 +16,13 @@ def grip_force(points: np.ndarray, plane: np.ndarray | None, slipped: bool) -> f
     """The force (N) for an object (M, 3) in the base frame on a table (4,), or on z = 0.
 
     What is small is light, and often thin: 60 N on the edges of a flat thing roll it up or squeeze it out.
+    20 N would let pliers of 250 g, held off their centre, turn and slide.
     slipped: it has slid out of a hold before.
     """
     volume = volume_to_table(points, plane)
     share = np.clip((volume - _SMALL_M3) / (_LARGE_M3 - _SMALL_M3), 0.0, 1.0)
     force = _GENTLE_N + share * (_USUAL_N - _GENTLE_N)
-    return float(min(force + _USUAL_N - _GENTLE_N, _FIRM_N) if slipped else force)
+    return float(force + _MORE_N if slipped else force)
 
 
 def volume_to_table(points: np.ndarray, plane: np.ndarray | None) -> float:
