@@ -147,7 +147,7 @@ def test_the_mass_is_that_of_the_mesh_not_of_its_convex_parts(tmp_path, monkeypa
     model = MeshFolder(tmp_path).load("ring", 0)
     assert model.volume > 1.04 * ring.volume
     assert model.mass == pytest.approx(module.DENSITY * ring.volume, rel=1e-3)
-    scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
+    scene = sapien.Scene([sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem()])
     entity = model.add_to(scene.create_actor_builder()).build("ring")
     body = entity.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
     assert body.mass == pytest.approx(model.mass, rel=0.01)
