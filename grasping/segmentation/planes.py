@@ -87,7 +87,7 @@ def _ransac(points: FloatArray, up: FloatArray | None, rng: np.random.Generator,
 def refine(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[float, float]) -> Plane:
     """Least squares on the inliers, whose band shrinks to three times their residual."""
     width, residual = coarse, coarse
-    for _ in range(5):
+    for _ in range(8):
         inliers = points[np.abs(points @ equation[:3] + equation[3]) <= width]
         if len(inliers) < 10:
             break
@@ -96,7 +96,7 @@ def refine(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[
         equation = _normal_form(centred.T @ centred, mean, equation)
         residual = 1.4826 * float(np.median(np.abs(centred @ equation[:3])))
         last, width = width, float(np.clip(3.0 * residual, *band))
-        if abs(last - width) < 0.02 * width:
+        if abs(last - width) < 0.002 * width:
             break
     return Plane(equation, width, residual)
 
