@@ -177,6 +177,11 @@ class Frame:
         across = self.points.take(index, axis=0) - self.sight.viewpoint.astype(self.points.dtype)
         return float(np.einsum("ij,ij->", across, across)) * self.sight.pixel**2
 
+    def measured(self) -> tuple[NDArray[np.bool_], NDArray, NDArray]:
+        """Of an organised frame: where nothing was measured (H, W), its points (H·W, 3) and how far away, m (H·W,)."""
+        assert self.shape is not None
+        return self._holes.reshape(self.shape), self.points, self._distance()
+
     def _distance(self) -> NDArray:
         """(N,) from the viewpoint, m, of all points, whatever their range; NaN where nothing was measured."""
         squared = self._squared

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import ConfigError, require_between
 from grasping.geometry.clustering import by_label, voxel_clusters
+from grasping.segmentation.depth_holes import parts_over_holes
 from grasping.segmentation.footprints import convex_outline, label_footprints, spacing
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.planes import basis, fit_all
@@ -130,7 +131,8 @@ class Segmenter:
         labels = label_footprints(flat, self.gap, pitch)
         on_table = _OnTable(level, height, flat, convex_outline(seen), pitch)
         kept, obstacles = self._sort(frame, chosen, labels, on_table)
-        return frame.scene(plane.equation, frame.with_edges(kept, on_ramps), obstacles, hand, len(table))
+        kept = self._over_holes(frame, frame.with_edges(kept, on_ramps), table, on_table)
+        return frame.scene(plane.equation, kept, obstacles, hand, len(table))
 
     def _without_table(self, frame: Frame, hand: FloatArray | None) -> Scene:
         chosen, on_ramps = frame.without_flying(np.flatnonzero(frame.valid))
@@ -175,6 +177,18 @@ class Segmenter:
         least = f"fewer than {self.min_points} points or less than {self.min_area * 1e4:g} cm²"
         frame.reject("points", f"in {len(small)} clusters of {least}", sum(small))
         return sorted(kept, key=lambda points: -len(points)), obstacles
+
+    def _over_holes(self, frame: Frame, kept: list[IntArray], table: IntArray, on_table: _OnTable) -> list[IntArray]:
+        """The objects, the largest first, with those joined that only a hole in the depth divides."""
+        if len(kept) < 2 or frame.sight is None:
+            return kept
+        groups = parts_over_holes(
+            kept, *frame.measured(), frame.sight.viewpoint, table, on_table.level, 2.0 * on_table.pitch
+        )
+        joined = [np.sort(np.concatenate([kept[i] for i in numbers])) for numbers in groups]
+        if len(joined) == len(kept) or any(self._extent(frame, points) > self.max_extent for points in joined):
+            return kept
+        return sorted(joined, key=lambda points: -len(points))
 
     def _parts(self, frame: Frame, chosen: IntArray, members: IntArray, on_table: _OnTable | None) -> list[IntArray]:
         """A cluster's members, by the parts between which the table is seen; what is then too large, by what it is
