@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 PLACE, HEADING, WIDTH = 0.016, math.radians(20), 0.015  # candidates nearer than this to the best one are of its cluster
 SAME_PLACE, SAME_HEADING = 0.010, math.radians(12)  # middles nearer than this are one
-SAG = 0.01  # of the score: a candidate that is worse by this counts e times less
+SAG = 0.007  # of the score: a candidate that is worse by this counts e times less
 SLIDE = 0.008  # m
 
 
