@@ -16,8 +16,8 @@ def place(
     cell: float,
     local: NDArray[np.float64],
     /,
-) -> tuple[float, float, float, float, float]:
-    """Fill `local` (3, N); return the middle and the centre."""
+) -> tuple[float, float, float, float, float, float, float]:
+    """Fill `local` (3, N); return the middle, the centre, how far it is to the farthest cell, and the volume."""
 
 def look(
     cloud: NDArray[np.float64],

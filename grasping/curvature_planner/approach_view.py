@@ -23,6 +23,7 @@ class ApproachView:
     floor: height of the table, or of the lowest point seen. centre: (2,) estimate of the centre of mass. tilt: rad.
     sight: what the camera saw, in the frame. seen: (3, M) those of the points that were measured and not assumed, in
         any order.
+    farthest: m of the footprint from the centre of mass. volume: m³, filled down to the floor.
     """
 
     origin: FloatArray
@@ -34,6 +35,8 @@ class ApproachView:
     tilt: float
     sight: Sight
     seen: FloatArray
+    farthest: float
+    volume: float
 
 
 def last_in_cells(x: FloatArray, y: FloatArray, cell: float) -> NDArray[np.int64]:

@@ -134,13 +134,13 @@ def _view(
     backend: Backend,
     sight: Sight,
 ) -> ApproachView:
-    points, middle, centre = backend.place(cloud, axes, table_height, CELL)
+    points, middle, centre, footprint = backend.place(cloud, axes, table_height, CELL)
     others = _NOTHING
     if len(obstacles):
         others = _in_reach(axes.T @ obstacles.T - middle[:, None], np.abs(points[:2]).max(axis=1) + REACHED)
     seen = points if measured is cloud else axes.T @ measured - middle[:, None]
     origin = axes @ middle
-    return ApproachView(origin, axes, points, others, 0.0, centre, tilt, sight.within(axes, origin), seen)
+    return ApproachView(origin, axes, points, others, 0.0, centre, tilt, sight.within(axes, origin), seen, *footprint)
 
 
 def _in_reach(others: FloatArray, reach: FloatArray) -> FloatArray:

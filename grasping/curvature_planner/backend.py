@@ -32,7 +32,7 @@ class Backend(Protocol):
 
     def place(
         self, cloud: FloatArray, axes: FloatArray, table_height: float | None, cell: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
         """`projection.place`."""
 
     def look(

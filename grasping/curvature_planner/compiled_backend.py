@@ -45,7 +45,7 @@ from grasping.geometry.primitives import FLAT
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 6  # as in csrc/module.c
+INTERFACE = 7  # as in csrc/module.c
 MOST_TRIED = 64  # likewise
 
 
@@ -79,12 +79,12 @@ class CompiledBackend:
     @staticmethod
     def place(
         cloud: FloatArray, axes: FloatArray, table_height: float | None, cell: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
         """`projection.place`."""
         local = np.empty_like(cloud)
         height = math.nan if table_height is None else table_height
-        *middle, x, y = _KERNELS.place(cloud, np.ascontiguousarray(axes), height, cell, local)
-        return local, np.array(middle), np.array([x, y])
+        *middle, x, y, farthest, volume = _KERNELS.place(cloud, np.ascontiguousarray(axes), height, cell, local)
+        return local, np.array(middle), np.array([x, y]), (farthest, volume)
 
     @staticmethod
     def look(
@@ -171,7 +171,8 @@ def _numbers(rules: Rules) -> FloatArray:
     """What the C struct `Rules` is filled with, in its order."""
     shares, depths = zip(*OVERLAP, strict=True)
     weights = weights_of(rules.weight_of_centre)
-    sums = [sum(weights[name] for name in names) for names in (list(weights)[1:], weights)]
+    coarse = weights_of(rules.coarse_weight_of_centre)
+    sums = [sum(coarse[name] for name in list(coarse)[1:]), sum(weights.values())]
     return np.array(
         [
             *(rules.pad_width, rules.stroke, rules.finger_thickness),
@@ -185,6 +186,7 @@ def _numbers(rules: Rules) -> FloatArray:
             *depths,
             *shares,
             *sums,
+            coarse["centre"],
             *weights.values(),
         ],
         dtype=np.float64,

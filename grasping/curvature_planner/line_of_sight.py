@@ -22,6 +22,7 @@ BoolArray = NDArray[np.bool_]
 Look = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray, float]]
 
 PIXELS = 96  # on a side of the image
+DRAWN = 6000  # points of the object that are drawn, or up to twice as many
 AROUND = 0.05  # m around the object that the image shows
 BEHIND = 0.006  # m behind a surface from which a place is hidden: less is the sensor's noise
 BEHIND_ITSELF = 0.02  # m behind the nearest point of its pixel from which a point was not seen from there
@@ -78,6 +79,8 @@ def sight_of(
     above what the object stands on, and where the cloud's points do not hide each other from there, as those of a whole
     model or of a merged cloud do. unseen: (U, 3), from the last of the viewpoints.
     """
+    if cloud.shape[1] > 2 * DRAWN:  # more points than pixels show nothing more
+        cloud = np.ascontiguousarray(cloud[:, :: cloud.shape[1] // DRAWN])
     others, nothing = np.ascontiguousarray(obstacles.T), np.empty((3, 0))
     rays = np.ascontiguousarray(unseen.T)
     if viewpoints is None:

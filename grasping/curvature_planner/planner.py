@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
-from grasping.curvature_planner.approaches import CELL, approaches_from_above, approaches_without_table
+from grasping.curvature_planner.approach_view import ApproachView
+from grasping.curvature_planner.approaches import approaches_from_above, approaches_without_table
 from grasping.curvature_planner.backend import Backend
 from grasping.curvature_planner.compiled_backend import AVAILABLE, CompiledBackend
 from grasping.curvature_planner.contact_refinement import CONTACT_BAND, LEAST_WIDTH
@@ -279,7 +279,5 @@ class CurvaturePlanner:
 
 def _for_object(view: ApproachView, rules: Rules, overlap: float) -> Rules:
     """The rules for what is low, where an overlap (m) less than usual must do, and for what is long and heavy."""
-    x, y, height = view.points
-    tops = last_in_cells(x, y, CELL)
-    far, weight = leverage(x[tops], y[tops], float(height[tops].sum()) * CELL**2, view.centre)
+    far, weight = leverage(view.farthest, view.volume)
     return replace(rules, least_overlap=min(rules.least_overlap, overlap), far_from_centre=far, weight_of_centre=weight)

@@ -54,12 +54,13 @@ def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
 
 def place(
     cloud: FloatArray, axes: FloatArray, table_height: float | None, cell: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
     """The cloud along its axes, in rising height, with the origin in its middle and at the table's height.
 
     Without a table the origin is at the lowest point. What lies under the table is its noise, and is put on it. Returns
-    the points (3, N), what was subtracted (3,), and an estimate of the centre of mass (2,): each cell (m) of the plane
-    counts once, by the height of what stands in it, independent of how densely it was seen.
+    the points (3, N), what was subtracted (3,), an estimate of the centre of mass (2,): each cell (m) of the plane
+    counts once, by the height of what stands in it, independent of how densely it was seen; and how far from it the
+    farthest cell is, m, and the volume of what stands in all of them, m³.
     """
     local = np.stack([exact_math.project(cloud, axis) for axis in axes.T])
     local = np.take(local, np.argsort(local[2], kind="stable"), axis=1)
@@ -73,8 +74,11 @@ def place(
     highest[key] = np.maximum(local[2], 0.003)  # the last one written, the highest, stays
     taken = np.flatnonzero(highest)
     weight = highest[taken]
-    sums = np.array([exact_math.total(weight * index) for index in np.divmod(taken, columns)])
-    return local, middle, local[:2].min(axis=1) + cell * (sums / exact_math.total(weight) + 0.5)
+    places, total = np.divmod(taken, columns), exact_math.total(weight)
+    centre = np.array([exact_math.total(weight * index) for index in places]) / total
+    away, aside = places[0] - centre[0], places[1] - centre[1]
+    footprint = cell * math.sqrt((away * away + aside * aside).max()), total * (cell * cell)
+    return local, middle, local[:2].min(axis=1) + cell * (centre + 0.5), footprint
 
 
 def cells(x: FloatArray, y: FloatArray, cell: float) -> tuple[IntArray, int]:

@@ -68,6 +68,11 @@ class Rules:
     weight_of_centre: float = WEIGHTS["centre"]
 
     @property
+    def coarse_weight_of_centre(self) -> float:
+        """As for what is light, so that not all of the places that are looked at closely are nearest to the centre."""
+        return WEIGHTS["centre"] * (self.far_from_centre / FAR_FROM_CENTRE)
+
+    @property
     def steepest(self) -> float:
         """Greatest angle (rad) of a contact against its pad that friction holds."""
         return math.atan(self.friction)
@@ -160,7 +165,7 @@ def _coarse_score(view: ApproachView, candidates: Candidates, rules: Rules) -> F
             "whole": candidates.whole.astype(np.float64),
             "seen": _seen_share(view, candidates, candidates.width, rules, WAY_ACROSS[1:2], COARSE_LEVELS),
         },
-        rules.weight_of_centre,
+        rules.coarse_weight_of_centre,
     )
     return np.where(candidates.overlap >= rules.least_overlap, score, score - 1.0)
 

@@ -38,15 +38,13 @@ def weights_of(weight_of_centre: float) -> dict[str, float]:
     return {**WEIGHTS, "centre": weight_of_centre}
 
 
-def leverage(x: FloatArray, y: FloatArray, volume: float, centre: FloatArray) -> tuple[float, float]:
-    """How far from the centre of mass the term "centre" is 0, m, and its weight, for an object that covers x and y.
+def leverage(farthest: float, volume: float) -> tuple[float, float]:
+    """How far from the centre of mass the term "centre" is 0, m, and its weight, for an object that reaches so far (m).
 
     The term falls by as much a metre on a long object as on a short one, to its far end. Where the weight of what is
     filled down to the table (volume, m³), held there, would turn the object between the pads, it counts more by how
     many times it would.
     """
-    x, y = x - centre[0], y - centre[1]
-    farthest = math.sqrt(float((x * x + y * y).max()))
     far = max(FAR_FROM_CENTRE, farthest)
     turning = DENSITY * volume * GRAVITY * farthest / HELD_TORQUE
     return far, WEIGHTS["centre"] * (far / FAR_FROM_CENTRE) * min(max(turning, 1.0), MOST_TORQUE)

@@ -3,7 +3,7 @@
 #include "planner.h"
 
 /* Raised whenever a function here takes or returns something else; compiled_backend.py names the one that it knows. */
-#define INTERFACE 6
+#define INTERFACE 7
 
 /* A contiguous array of `ndim` dimensions, the first of this length unless that is −1; NULL with an error if not. */
 static Py_buffer *array(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim,
@@ -105,7 +105,7 @@ static PyObject *place(PyObject *self, PyObject *arguments)
 {
     (void)self;
     PyObject *cloud, *axes, *local, *answer = NULL;
-    double table_height, cell, middle[3], centre[2];
+    double table_height, cell, middle[3], footprint[4];
     if (!PyArg_ParseTuple(arguments, "OOddO", &cloud, &axes, &table_height, &cell, &local))
         return NULL;
     Arrays arrays = {.count = 0};
@@ -118,10 +118,11 @@ static PyObject *place(PyObject *self, PyObject *arguments)
         } else {
             int code;
             Py_BEGIN_ALLOW_THREADS
-            code = place_cloud(on, turn, table_height, cell, out->buf, middle, centre);
+            code = place_cloud(on, turn, table_height, cell, out->buf, middle, footprint);
             Py_END_ALLOW_THREADS
             answer = code ? failure(code)
-                          : Py_BuildValue("ddddd", middle[0], middle[1], middle[2], centre[0], centre[1]);
+                          : Py_BuildValue("ddddddd", middle[0], middle[1], middle[2], footprint[0], footprint[1],
+                                          footprint[2], footprint[3]);
         }
     }
     release(&arrays);
@@ -348,7 +349,7 @@ static PyObject *survey(PyObject *self, PyObject *arguments)
 static PyMethodDef methods[] = {
     {"short_side", across, METH_VARARGS, "See projection.short_side: returns the direction."},
     {"thin", thin, METH_VARARGS, "See projection.thin: fills `thinned`, returns the number of points."},
-    {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns middle and centre."},
+    {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns the rest."},
     {"look", look, METH_VARARGS, "See line_of_sight.look: fills `lens` and `depth`, returns the share that is hidden."},
     {"assume_back", back, METH_VARARGS, "See unseen_back.assume_back: fills `found`, returns the number of places."},
     {"scan", scan, METH_VARARGS, "See finger_scan.scan: fills `holds`, returns (count, too_wide, narrowest)."},

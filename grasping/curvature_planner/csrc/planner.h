@@ -45,7 +45,7 @@ ptrdiff_t thin_cloud(Points cloud, const double axes[9], double box, double *thi
  * point). local: (3, count). Returns 0 or an error. */
 int place_cloud(
     Points cloud, const double axes[9], double table_height, double cell, double *local, double middle[3],
-    double centre[2]);
+    double footprint[4]);
 
 /* line_of_sight.py */
 #define SIGHT_PIXELS 96
@@ -115,6 +115,7 @@ typedef struct {
     double slid, centred, candidates;
     double shallow, deep, deepest, shallow_share, deep_share, deepest_share; /* scoring.overlap_term */
     double coarse_total, total;                                             /* sums of weights */
+    double w_coarse_centre;
     double w_contact, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole, w_seen;
 } Rules;
 

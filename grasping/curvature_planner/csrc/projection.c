@@ -146,8 +146,9 @@ ptrdiff_t thin_cloud(Points cloud, const double axes[9], double box, double *thi
     return count;
 }
 
-/* Estimate of the centre of mass of points in rising height: each cell counts once, by the height of what stands there. */
-static int centre_of(Points local, double cell, double centre[2])
+/* Estimate of the centre of mass of points in rising height: each cell counts once, by the height of what stands there.
+ * footprint: the centre, how far from it the farthest cell is, and the volume of what stands in all of them. */
+static int centre_of(Points local, double cell, double footprint[4])
 {
     static const double identity[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
     double low[3], high[3], sum = 0.0, first = 0.0, second = 0.0;
@@ -168,15 +169,26 @@ static int centre_of(Points local, double cell, double centre[2])
             first += weight * (double)line;
             second += weight * (double)column;
         }
+    double farthest = 0.0;
+    first /= sum;
+    second /= sum;
+    for (ptrdiff_t line = 0; line < lines; line++)
+        for (ptrdiff_t column = 0; column < columns; column++)
+            if (highest[line * columns + column] > 0.0) {
+                const double away = (double)line - first, aside = (double)column - second;
+                farthest = greatest(farthest, away * away + aside * aside);
+            }
     free(highest);
-    centre[0] = low[0] + cell * (first / sum + 0.5);
-    centre[1] = low[1] + cell * (second / sum + 0.5);
+    footprint[0] = low[0] + cell * (first + 0.5);
+    footprint[1] = low[1] + cell * (second + 0.5);
+    footprint[2] = cell * sqrt(farthest);
+    footprint[3] = sum * (cell * cell);
     return 0;
 }
 
 int place_cloud(
     Points cloud, const double axes[9], double table_height, double cell, double *local, double middle[3],
-    double centre[2])
+    double footprint[4])
 {
     const ptrdiff_t count = cloud.count;
     if ((size_t)count > SIZE_MAX / (4 * sizeof(double)))
@@ -209,5 +221,5 @@ int place_cloud(
     free(order);
     free(bits);
     return failed ? OUT_OF_MEMORY
-                  : centre_of((Points){local, local + count, local + 2 * count, count}, cell, centre);
+                  : centre_of((Points){local, local + count, local + 2 * count, count}, cell, footprint);
 }

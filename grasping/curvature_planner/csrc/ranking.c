@@ -91,7 +91,7 @@ static double coarse_score(const Scene *scene, const double *hold, ptrdiff_t str
     double score = 0.0;
     score += rules->w_angle * clip(1.0 - hold[HOLD_ANGLE * stride] / rules->blurred);
     score += rules->w_overlap * overlap_term(rules, overlap);
-    score += rules->w_centre * centre_term(scene, hold[HOLD_X * stride], hold[HOLD_Y * stride]);
+    score += rules->w_coarse_centre * centre_term(scene, hold[HOLD_X * stride], hold[HOLD_Y * stride]);
     score += rules->w_room * hold[HOLD_ROOM * stride];
     score += rules->w_narrow * narrow_term(rules, hold[HOLD_WIDTH * stride]);
     score += rules->w_whole * hold[HOLD_WHOLE * stride];

@@ -151,7 +151,7 @@ def test_the_kernels_refuse_arrays_that_they_cannot_read() -> None:
     from grasping.curvature_planner import _kernels
 
     cloud, axes, out = np.zeros((3, 20)), np.eye(3), np.zeros((3, 20))
-    assert len(_kernels.place(cloud, axes, 0.0, 0.004, out)) == 5
+    assert len(_kernels.place(cloud, axes, 0.0, 0.004, out)) == 7
     for wrong in (cloud.astype(np.float32), cloud.astype(np.int64), np.zeros((3, 20), ">f8")):
         with pytest.raises(TypeError, match="cloud: items of another type"):
             _kernels.place(wrong, axes, 0.0, 0.004, out)
