@@ -36,6 +36,8 @@ def runs(shapes, tmp_path_factory):
     ):
         settings = {"dataset": {"path": str(shapes)} | dataset, "augment": {}, "model": {"name": model}}
         settings |= {"protocol": {"epochs": epochs, "batch_size": 16, "selection": selection}, "progress": False}
+        if name == "two_classes":  # one that learns nothing, so that it misses something
+            settings["protocol"]["learning_rate"] = 1e-9
         train(settings | {"output": str(folder / name)})
     return folder
 

@@ -248,7 +248,7 @@ def test_training_finds_a_named_set_where_generation_leaves_it():
             generation = compose("generate", [f"dataset={name}", "objects.path=meshes"], return_hydra_config=True)
             HydraConfig.instance().set_config(generation)
             assert path == generation.out
-    with pytest.raises(DatasetError, match="manifest"):
+    with pytest.raises(DatasetError, match="no such folder"):
         load_dataset(Path("outputs/datasets/no_such_set"))
 
 

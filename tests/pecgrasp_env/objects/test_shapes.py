@@ -116,11 +116,11 @@ def test_fields_are_zero_on_their_surfaces_and_blends_only_add():
 
 def test_normals_are_sharp_on_a_box_and_smooth_on_a_ball():
     box = trimesh.creation.box((1, 1, 1))
-    vertices, faces, normals = with_normals(box.vertices, box.faces)
+    vertices, faces, normals, _ = with_normals(box.vertices, box.faces)
     assert len(vertices) == 24
     np.testing.assert_allclose(np.abs(normals).max(axis=1), 1, atol=1e-6)
     ball = trimesh.creation.icosphere(3, 1.0)
-    vertices, faces, normals = with_normals(ball.vertices, ball.faces)
+    vertices, faces, normals, _ = with_normals(ball.vertices, ball.faces)
     assert len(vertices) == len(ball.vertices)
     np.testing.assert_allclose(normals, vertices, atol=0.02)
     np.testing.assert_allclose(vertices[faces].mean(axis=1), ball.triangles_center, atol=1e-6)
