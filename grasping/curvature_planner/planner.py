@@ -54,6 +54,7 @@ PALM_CLEARANCE = 0.01  # m above whatever is under the palm
 TIP_SHARE, OVERLAP_SHARE = 0.2, 0.5
 LEAST_TIP_CLEARANCE = 0.001  # m; a fitted table is off by a tenth of that in simulation
 LEAST_MEASURED, LEAST_BREADTH = 8, 0.004  # points between the pads, and m across them, where others are only assumed
+BLIND = 0.1  # of a finger's way was seen: with less it goes in blind, which is done only where nothing else holds
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
 
 
@@ -239,7 +240,13 @@ class CurvaturePlanner:
         return None, candidates, reason
 
     def _held_by_what_was_seen(self, view: ApproachView, ranked: Ranked) -> Ranked:
-        """Those between whose pads enough was measured. What is only assumed costs; `assumed` says how much it is."""
+        """Those between whose pads enough was measured, and none with a blind finger where there are others.
+
+        What is only assumed costs; the term `assumed` says how much it is.
+        """
+        looked_at = ranked.terms["seen"] >= BLIND
+        if looked_at.any() and not looked_at.all():
+            ranked = ranked.those(looked_at)
         if view.seen is view.points:
             return replace(ranked, terms={**ranked.terms, "assumed": np.zeros(len(ranked.score))})
         number, reach, breadth = self._backend.measured(view.seen, ranked.contacts, self._rules.pad_width)

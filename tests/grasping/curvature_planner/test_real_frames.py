@@ -1,4 +1,4 @@
-"""Real Kinect and Xtion frames, cut out and planned on: no finger goes down behind the front of what it holds."""
+"""Real Kinect and Xtion frames, cut out and planned on: hardly any finger is behind the front of what it holds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHELL = 0.030  # m behind the front of a thing that is no sheet, which is taken 
 # Pixels, some 15 mm, from the outline of a thing in the image to what is surely in front of its inside: nearer to it a
 # line of sight may pass over the far edge of a top and meet a finger that stands behind the thing, and rightly so.
 OUTLINE = 8
-MOST = 20  # of some 15,000 places: pixels that hang over edges, which the segmenter leaves
+MOST, MEAN = 0.03, 0.003  # share of a grasp's places, of any and of all: a screen is thin, a stack has steps behind
 
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="no real frames at ../shared/data/real")
 
@@ -52,27 +52,33 @@ def behind(places: FloatArray, depth: FloatArray, K: FloatArray) -> FloatArray:
     return np.where(inside & (surface > 0.0), places[:, 2] - surface, -np.inf)
 
 
-@pytest.mark.parametrize(
-    ("name", "k"), [("tabletop_scenes_mosd", 28), ("tables_xtion_hots", 9), ("tables_xtion_hots", 15)]
-)
-def test_no_finger_goes_down_behind_the_front_of_the_thing_that_it_holds(name: str, k: int) -> None:
-    depth, K = frame(name, k)
+@pytest.mark.parametrize("name", ["tabletop_scenes_mosd", "tables_xtion_hots"])
+def test_hardly_any_finger_goes_down_behind_the_front_of_the_thing_that_it_holds(name: str) -> None:
+    inside = [share for k in range(0, 36, 7) for share in shares_inside(*frame(name, k))]
+    assert len(inside) >= 12
+    assert max(inside) <= MOST
+    assert np.mean(inside) <= MEAN
+
+
+def shares_inside(depth: FloatArray, K: FloatArray) -> list[float]:
+    """Of the best grasp of each thing the share of the fingers' places that are inside it."""
     row, column = np.mgrid[: depth.shape[0], : depth.shape[1]]
     cloud = np.stack([(column - K[0, 2]) * depth / K[0, 0], (row - K[1, 2]) * depth / K[1, 1], depth], axis=-1)
-    scene = Segmenter().segment(cloud)
-    planner, inside = CurvaturePlanner(), []
+    scene, inside = Segmenter().segment(cloud), []
     for i, points in enumerate(scene.objects):
-        others = np.vstack(
-            [*(each for j, each in enumerate(scene.objects) if j != i), *scene.obstacles, np.empty((0, 3))]
+        others = [each for j, each in enumerate(scene.objects) if j != i]
+        plan = CurvaturePlanner().plan(
+            points,
+            table=scene.plane,
+            obstacles=np.vstack([*others, *scene.obstacles, np.empty((0, 3))]),
+            viewpoint=scene.viewpoint,
+            unseen=scene.unseen[i],
         )
-        told = {"viewpoint": scene.viewpoint, "unseen": scene.unseen[i]}
-        plan = planner.plan(points, table=scene.plane, obstacles=others, **told)
         if plan.best is None:
             continue
         own = np.zeros(depth.shape, dtype=bool)
         own.reshape(-1)[scene.indices[i]] = True
         front = ndimage.binary_erosion(ndimage.binary_closing(own, iterations=2), iterations=OUTLINE) & own
         deep = behind(swept(plan.best), np.where(front, depth, 0.0), K)
-        inside.append(int(np.count_nonzero((deep > NOISE) & (deep < NOISE + SHELL))))
-    assert len(inside) >= 2
-    assert max(inside) <= MOST
+        inside.append(float(np.mean((deep > NOISE) & (deep < NOISE + SHELL))))
+    return inside

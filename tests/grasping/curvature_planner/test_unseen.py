@@ -87,6 +87,16 @@ def test_behind_an_object_is_unknown_which_costs_but_is_not_refused() -> None:
     assert enters(plan, block(0.15, 0.05, 0.1), T) == [0] * len(plan.candidates)
 
 
+@pytest.mark.parametrize("elevation", [10.0, 25.0, 40.0])
+@pytest.mark.parametrize("size", [(0.05, 0.12, 0.16), (0.12, 0.05, 0.16), (0.12, 0.10, 0.2)])
+def test_a_finger_goes_in_blind_only_where_nothing_else_holds(size: tuple[float, ...], elevation: float) -> None:
+    T = camera_at(elevation, azimuth=-70.0)
+    plan = CurvaturePlanner().plan(seen_by(brick(*size), T), table=table_in(T))
+    seen = np.array([grasp.terms["seen"] for grasp in plan.candidates])
+    assert len(seen)
+    assert (seen >= 0.1).all() or (seen < 0.1).all()
+
+
 @pytest.mark.parametrize("elevation", [30.0, 60.0])
 def test_the_rim_of_a_bowl_that_is_seen_from_within_and_without_is_still_held(elevation: float) -> None:
     T = camera_at(elevation)
