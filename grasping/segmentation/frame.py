@@ -99,7 +99,7 @@ class Frame:
         chosen = chosen[~flying]
         if self.sight is None:
             return chosen, np.empty(0, dtype=np.int64)
-        on_ramp = ramps(self.points, self._distance(), chosen, self.shape, self.sight, plane)
+        on_ramp = ramps(self.points, self._distance, chosen, self.shape, self.sight, plane)
         return chosen[~on_ramp], chosen[on_ramp]
 
     def with_edges(self, kept: list[IntArray], on_ramps: IntArray) -> list[IntArray]:
@@ -180,8 +180,9 @@ class Frame:
     def measured(self) -> tuple[NDArray[np.bool_], NDArray, NDArray]:
         """Of an organised frame: where nothing was measured (H, W), its points (H·W, 3) and how far away, m (H·W,)."""
         assert self.shape is not None
-        return self._holes.reshape(self.shape), self.points, self._distance()
+        return self._holes.reshape(self.shape), self.points, self._distance
 
+    @cached_property
     def _distance(self) -> NDArray:
         """(N,) from the viewpoint, m, of all points, whatever their range; NaN where nothing was measured."""
         squared = self._squared

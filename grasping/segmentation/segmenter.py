@@ -241,9 +241,9 @@ class Segmenter:
 
     def _way_out(self, frame: Frame, points: IntArray, on_table: _OnTable | None, why: str) -> str:
         """The setting with which a cluster would be an object, empty where there is none."""
-        if why == _BESIDE or on_table is None:
-            return "" if why == _BESIDE else f"max_extent={_upward(self._extent(frame, points)):g}"
-        if why.startswith("only"):
+        if why == _BESIDE:
+            return ""
+        if on_table is not None and why.startswith("only"):
             return f"min_height={np.floor(_upper(on_table.height.take(points)) * 1e3) / 1e3:g}"
         return f"max_extent={_upward(self._extent(frame, points)):g}"
 
