@@ -28,6 +28,9 @@ def render(
         scene.create_actor_builder().add_box_visual(half_size=(3, 3, 0.01), material=paper).build_kinematic("ground")
     )
     fov = np.radians(18)
+    # Global settings of SAPIEN's, which whoever drew before in this process may have changed.
+    sapien.render.set_camera_shader_dir("default")
+    sapien.render.set_picture_format("Color", "r32g32b32a32sfloat")
     camera = scene.add_camera("camera", 2 * size, 2 * size, fov, 0.01, 10.0)
     toward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     left = np.cross((0, 0, 1), -toward)

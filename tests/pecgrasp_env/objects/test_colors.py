@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sapien
 import trimesh
 from PIL import Image
 from trimesh.visual import TextureVisuals
@@ -60,6 +61,8 @@ def test_the_renderer_shows_them(tmp_path):
     (tmp_path / "red.obj").write_text(f"mtllib red.mtl\n{OBJ}usemtl a\n{SIDES}{ENDS}")
     (tmp_path / "red.mtl").write_text("newmtl a\nKd 1 0 0\n")
     textured_box(PBRMaterial(baseColorTexture=image())).export(str(tmp_path / "textured.glb"))
+    sapien.render.set_camera_shader_dir("minimal")  # what another renderer of this process may have left
+    sapien.render.set_picture_format("Color", "r8g8b8a8unorm")
     red, textured = render([load(tmp_path / "red.obj"), load(tmp_path / "textured.glb")], 48)
     for above, picture, color in ((True, red, RED), (False, red, RED), (True, textured, BLUE), (False, textured, RED)):
         assert is_colored(picture[14:18, 22:26] if above else picture[31:33, [17, 18, 29, 30]], color)
