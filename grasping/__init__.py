@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from grasping.baselines import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
     from grasping.baselines.published.planner import PublishedPlanner
     from grasping.fusion.fuse import Fused, FusedView, fuse
-    from grasping.segmentation.scene import Rejected, Scene
+    from grasping.segmentation.scene import Cut, Rejected, Scene
     from grasping.segmentation.segmenter import Segmenter
     from grasping.selective import Selection, SelectiveGrasper
 
@@ -33,6 +33,7 @@ _LATER = {
     "CentroidPlanner": "baselines",
     "GeoGraspPlanner": "baselines",
     "SinglePrimitivePlanner": "baselines",
+    "Cut": "segmentation.scene",
     "Rejected": "segmentation.scene",
     "Scene": "segmentation.scene",
     "Segmenter": "segmentation.segmenter",
@@ -46,6 +47,7 @@ __all__ = [
     "CloudError",
     "ConfigError",
     "CurvaturePlanner",
+    "Cut",
     "Fused",
     "FusedView",
     "GeoGraspPlanner",

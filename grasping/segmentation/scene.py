@@ -26,6 +26,18 @@ class Rejected:
 
 
 @dataclass(frozen=True)
+class Cut:
+    """Where two objects of a scene adjoin: their numbers, and how sure it is, in [0, 1], that they are two.
+
+    At 1 they are surely two things, at 0.5 they may as well be one: another view would tell.
+    """
+
+    first: int
+    second: int
+    sure: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """The objects of a frame, the largest first; lists of one length.
 
@@ -36,7 +48,9 @@ class Scene:
     "points" or "cluster". viewpoint: (3,) where the camera stood, in the frame of the input, or None where that is not
     known. unseen: for each object (K, 3), the far ends, on the table where there is one, of the lines of sight on which
     the sensor measured nothing in the object or beside it; (0, 3) for a loose cloud. other_planes: (4,) each, the
-    largest first: a floor, a wall, a box's side; where they are stands in `rejected`.
+    largest first: a floor, a wall, a box's side; where they are stands in `rejected`. confidence: for each object how
+    sure it is, in [0, 1], that it is one whole thing, no part and no sum of some; empty where the segmenter does not
+    say. cuts: pairs of neighbouring objects, first < second, that it told apart; empty likewise.
     """
 
     objects: list[FloatArray]
@@ -50,6 +64,8 @@ class Scene:
     viewpoint: FloatArray | None = None
     unseen: list[FloatArray] = field(default_factory=list)
     other_planes: list[FloatArray] = field(default_factory=list)
+    confidence: list[float] = field(default_factory=list)
+    cuts: list[Cut] = field(default_factory=list)
 
     def summary(self) -> str:
         """What was rejected, in a sentence, with the settings that would take it."""
