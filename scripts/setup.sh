@@ -93,7 +93,7 @@ install_driver() {
         ! is_root || add_backports
     fi
     apt_install "SAPIEN finds no Vulkan device" "${release[@]}" libvulkan1 mesa-vulkan-drivers
-    .venv/bin/python -m pecgrasp_env.doctor || die "the driver is installed, but nothing renders: see the report above"
+    .venv/bin/python -m pecgrasp_env.common.doctor || die "the driver is installed, but nothing renders: see the report above"
 }
 
 # ManiSkill imports OpenCV, whose wheel leaves two libraries of a desktop to the system.
@@ -122,4 +122,4 @@ elif [ "$(cat .venv/.pecgrasp_kernels 2>/dev/null)" != "$(kernels)" ]; then
     say_without_kernels
 fi
 .venv/bin/python -c 'import cv2' 2>/dev/null || install_opencv_libraries
-.venv/bin/python -m pecgrasp_env.doctor --quiet || install_driver
+.venv/bin/python -m pecgrasp_env.common.doctor --quiet || install_driver

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ FORBIDDEN = {
     "pec": {"pecgrasp_env", "grasping", "mani_skill", "sapien", "gymnasium"},
     "pecgrasp_env": set(),
 }
+ROOMS, FLOORS = 16, 8  # of a package, at most
 COMPILED = "_kernels"  # what a package's csrc/ is built into
 SIMULATORS = {"mani_skill", "sapien"}
 # What also runs on a robot's computer, and what importing it must not load.
@@ -158,3 +160,19 @@ def test_a_packages_face_is_imported_by_nobody_inside_it():
         if name.startswith(f"{face}.") and name != face
     }
     assert inside == set()
+
+
+@pytest.mark.parametrize("package", FORBIDDEN)
+def test_a_package_has_few_rooms_on_few_floors(package):
+    """A room is a folder or module at its top, or its face; it stands a floor above the highest room that it needs."""
+    below: dict[str, set[str]] = {}
+    for name in modules():
+        if name.split(".")[0] == package:
+            own = ".".join(name.split(".")[:2])
+            rooms = {".".join(other.split(".")[:2]) for other in needs(name) if other.split(".")[0] == package}
+            below.setdefault(own, set()).update(rooms - {own})
+    floor: dict[str, int] = {}
+    for room in TopologicalSorter(below).static_order():  # which raises where rooms need each other
+        floor[room] = 1 + max((floor[other] for other in below[room]), default=0)
+    assert len(floor) <= ROOMS
+    assert max(floor.values()) <= FLOORS

@@ -2,7 +2,7 @@
 
 import sys
 
-from pecgrasp_env import doctor
+from pecgrasp_env.common import doctor
 
 
 def main() -> None:

@@ -97,7 +97,7 @@ def test_maniskills_tool_replays_them_by_their_states(recorded):
     "mode", [pytest.param("pd_ee_delta_pose"), *(pytest.param(m, marks=pytest.mark.slow) for m in CONTROL_MODES[1:3])]
 )
 def test_maniskills_tool_takes_them_to_other_control_modes(recorded, mode):
-    import pecgrasp_env.replay  # noqa: F401  (puts the conversions in)
+    import pecgrasp_env.learning.replay  # noqa: F401  (puts the conversions in)
 
     arguments = {"target_control_mode": mode, "save_traj": True, "obs_mode": "state"}
     replay_trajectory.main(replay_trajectory.Args(str(recorded), **arguments))

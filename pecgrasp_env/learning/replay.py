@@ -1,4 +1,6 @@
-"""ManiSkill's replay tool, which knows SelectiveGrasp-v1 then: `python -m pecgrasp_env.replay --traj-path FILE.h5`.
+"""ManiSkill's replay tool, which knows SelectiveGrasp-v1 then.
+
+    python -m pecgrasp_env.learning.replay --traj-path FILE.h5
 
 All its options (`--help`) hold. ``--target-control-mode`` takes demonstrations in joint positions or joint steps to any
 control mode; ManiSkill's own conversion copies the gripper's action as it is, and metres are none of [-1, 1].

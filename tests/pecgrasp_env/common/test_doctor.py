@@ -4,7 +4,7 @@ import importlib.metadata
 
 import pytest
 
-from pecgrasp_env.doctor import main, render_trial
+from pecgrasp_env.common.doctor import main, render_trial
 
 
 def test_it_reports_what_the_environment_stands_on_and_that_it_renders(capsys):
@@ -16,7 +16,6 @@ def test_it_reports_what_the_environment_stands_on_and_that_it_renders(capsys):
     assert {line.split()[0] for line in report.splitlines()} >= {"Python", "Packages", "Planner", "Drivers", "GPU"}
 
 
-@pytest.mark.slow
 def test_quiet_prints_nothing(capsys):
     assert main(["--quiet"]) == 0
     assert capsys.readouterr().out == ""
