@@ -51,13 +51,13 @@ class SelectiveGrasper:
         self.min_confidence = min_confidence
 
     def select(
-        self, cloud: ArrayLike, target: str, *, up: ArrayLike | None = None, gripper: ArrayLike | None = None
+        self, cloud: ArrayLike, target: str, *, up: ArrayLike | None = None, robot: ArrayLike | None = None
     ) -> Selection:
-        """Choose and plan in the cloud (N, 3) or (H, W, 3) of a scene; `up` and `gripper` as for `Segmenter.segment`.
+        """Choose and plan in the cloud (N, 3) or (H, W, 3) of a scene; `up` and `robot` as for `Segmenter.segment`.
 
         Raises CloudError and ConfigError as the segmenter and the planner do.
         """
-        scene = self.segmenter.segment(cloud, up=up, gripper=gripper)
+        scene = self.segmenter.segment(cloud, up=up, robot=robot)
         answers = [self.classify(points) for points in scene.objects]
         labels = [str(label) for label, _ in answers]
         confidences = [float(confidence) for _, confidence in answers]

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from grasping.errors import CloudError
 from grasping.segmentation.edge_of_view import EdgeOfView
 from grasping.segmentation.flying_pixels import edge_owners, ramps, single_pixels
 from grasping.segmentation.lines_of_sight import LinesOfSight
 from grasping.segmentation.planes import Plane
+from grasping.segmentation.robot_body import RobotBody
 from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, View, find_table
 from grasping.validation import FARTHEST, position
@@ -33,11 +33,19 @@ class Frame:
     """The input cloud, and which of its points are valid and within the range of depth.
 
     points: (N, 3) in the input's type. shape: (H, W) where it was organised. valid: (N,). Everywhere else points are
-    named by their index in this cloud. viewpoint: (3,) where the camera stood, None: in the cloud's origin.
+    named by their index in this cloud. viewpoint: (3,) where the camera stood, None: in the cloud's origin. robot: what
+    `RobotBody` takes; its points are not valid.
     """
 
-    def __init__(self, cloud: ArrayLike, depth_range: tuple[float, float], viewpoint: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        cloud: ArrayLike,
+        depth_range: tuple[float, float],
+        viewpoint: ArrayLike | None = None,
+        robot: ArrayLike | None = None,
+    ) -> None:
         self.points, self.shape = _flattened(cloud)
+        self._robot = None if robot is None else RobotBody(robot)
         self._viewpoint = None if viewpoint is None else position(viewpoint, name="viewpoint")
         self._origin = np.zeros(3) if self._viewpoint is None else self._viewpoint
         near, far = max(depth_range[0], 1e-6), depth_range[1]
@@ -48,21 +56,30 @@ class Frame:
             squared = x * x + y * y + z * z
             self.valid = (squared >= near * near) & (squared <= far * far)
         self._squared = squared
+        self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
+        holes = int(np.count_nonzero(self._holes))
+        own = np.zeros(len(self.points), dtype=bool)
+        if self._robot is not None:
+            own[self._robot.within(self.points)] = True
+            own &= ~self._holes
+            self.valid &= ~own
+        self._hidden = self._holes | own  # what stands there was not seen
         self.count = int(np.count_nonzero(self.valid))
         if not self.count:
-            beyond = squared[np.isfinite(squared) & (squared > 0)]
+            beyond = squared[np.isfinite(squared) & (squared > 0) & ~own]
             raise CloudError(
-                f"cloud: none of {len(self.points)} points is valid and {where} from its origin{_all_beyond(beyond)}"
+                f"cloud: none of {len(self.points)} points is valid and {where} from its origin"
+                + (f", without {np.count_nonzero(own)} of the robot itself" if own.any() else "")
+                + _all_beyond(beyond)
             )
         self.rejected: list[Rejected] = []
         self.other_planes: list[FloatArray] = []
-        self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
-        holes = int(np.count_nonzero(self._holes))
         self.reject("points", "no depth", holes)
-        measured = len(self.points) - holes
+        self.reject("points", "the robot itself", int(np.count_nonzero(own)))
+        measured = len(self.points) - int(np.count_nonzero(self._hidden))
         way_out = ""
         if measured - self.count > NOTICED * measured:
-            farthest = float(np.quantile(squared[np.isfinite(squared)], 0.99)) ** 0.5
+            farthest = float(np.quantile(squared[np.isfinite(squared) & ~own], 0.99)) ** 0.5
             way_out = f"depth_range=[0,{math.ceil(2 * max(farthest, far)) / 2:g}]" if farthest < FARTHEST else ""
         self.reject("points", f"not {where}", measured - self.count, way_out)
 
@@ -180,7 +197,7 @@ class Frame:
     def measured(self) -> tuple[NDArray[np.bool_], NDArray, NDArray]:
         """Of an organised frame: where nothing was measured (H, W), its points (H·W, 3) and how far away, m (H·W,)."""
         assert self.shape is not None
-        return self._holes.reshape(self.shape), self.points, self._distance
+        return self._hidden.reshape(self.shape), self.points, self._distance
 
     @cached_property
     def _distance(self) -> NDArray:
@@ -199,7 +216,6 @@ class Frame:
         plane: FloatArray | None,
         kept: list[IntArray],
         obstacles: list[IntArray],
-        hand: FloatArray | None,
         n_table: int,
     ) -> Scene:
         edge = None if self.shape is None else EdgeOfView(self.valid.reshape(self.shape))
@@ -210,7 +226,7 @@ class Frame:
             indices=kept,
             plane=plane,
             touches_border=[edge is not None and edge.cuts(index) for index in kept],
-            touches_gripper=[hand is not None and _touch(points, hand) for points in clouds],
+            touches_gripper=[self._touches_robot(points) for points in clouds],
             rejected=self.rejected,
             obstacles=[self.points.take(index, axis=0) for index in obstacles],
             n_table=n_table,
@@ -230,8 +246,13 @@ class Frame:
             return self._origin, nothing
         if self.sight is None:
             return self._viewpoint, nothing
-        far = [self.sight.unseen(self._holes, index, points, plane) for index, points in zip(kept, clouds, strict=True)]
+        far = [
+            self.sight.unseen(self._hidden, index, points, plane) for index, points in zip(kept, clouds, strict=True)
+        ]
         return self._origin, far
+
+    def _touches_robot(self, points: NDArray) -> bool:
+        return self._robot is not None and len(self._robot.within(points, GRIPPER_CONTACT)) > 0
 
 
 def _all_beyond(squared: NDArray) -> str:
@@ -267,10 +288,3 @@ def _flattened(cloud: ArrayLike) -> tuple[NDArray, tuple[int, int] | None]:
     # One row or one column is a list of points and no image.
     shape = (points.shape[0], points.shape[1]) if points.ndim == 3 and min(points.shape[:2]) > 1 else None
     return points.reshape(-1, 3), shape
-
-
-def _touch(points: NDArray, hand: FloatArray) -> bool:
-    if not len(hand):
-        return False
-    nearest, _ = cKDTree(hand).query(points, k=1, distance_upper_bound=GRIPPER_CONTACT)
-    return bool(np.isfinite(nearest).any())

@@ -12,7 +12,7 @@ from grasping.errors import ConfigError
 from grasping.geometry.clustering import by_label, voxel_clusters
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.scene import Scene
-from grasping.validation import as_cloud, unit_vector
+from grasping.validation import unit_vector
 
 FloatArray = NDArray[np.float64]
 
@@ -52,13 +52,12 @@ class PublishedSegmenter:
         cloud: ArrayLike,
         *,
         up: ArrayLike | None = None,
-        gripper: ArrayLike | None = None,
+        robot: ArrayLike | None = None,
         viewpoint: ArrayLike | None = None,
     ) -> Scene:
         """As `Segmenter.segment`."""
-        frame = Frame(cloud, self.depth_range, viewpoint)
+        frame = Frame(cloud, self.depth_range, viewpoint, robot)
         up_vector = None if up is None else unit_vector(up, name="up")
-        hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)
         band = (0.999 * self.plane_distance, self.plane_distance)
         plane = frame.find_table(up_vector, rng, self.plane_distance, band)
@@ -81,7 +80,7 @@ class PublishedSegmenter:
         )
         few = [len(members) for members in clusters if len(members) < self.min_points]
         frame.reject("points", f"{len(few)} clusters of fewer than {self.min_points}", sum(few))
-        return frame.scene(None if isinstance(plane, str) else plane.equation, kept, [], hand, n_table)
+        return frame.scene(None if isinstance(plane, str) else plane.equation, kept, [], n_table)
 
 
 def _statistical_inliers(points: FloatArray, mean_k: int, std: float) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from grasping.segmentation.rims import join_walls
 from grasping.segmentation.saddles import parts_above_saddles
 from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_gaps import parts_by_table
-from grasping.validation import FARTHEST, as_cloud, unit_vector
+from grasping.validation import FARTHEST, unit_vector
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -95,23 +95,24 @@ class Segmenter:
         cloud: ArrayLike,
         *,
         up: ArrayLike | None = None,
-        gripper: ArrayLike | None = None,
+        robot: ArrayLike | None = None,
         viewpoint: ArrayLike | None = None,
     ) -> Scene:
         """Find the objects in a cloud (N, 3) or an organised frame (H, W, 3), m; NaN and (0, 0, 0) are invalid.
 
-        up: (3,) away from the table, in the cloud's frame; without it see `find_table`. gripper: (K, 3) points of one's
-        own hand, for `touches_gripper`. viewpoint: (3,) where the camera stood, in the cloud's frame; without it the
-        cloud's origin, unless that cannot be. Raises CloudError for input that is no cloud or has no valid point in
+        up: (3,) away from the table, in the cloud's frame; without it see `find_table`. robot: one's own arm and hand
+        where they are, in the cloud's frame: points of the surface (K, 3), at most 3 cm apart, or spheres (K, 4) that
+        cover it, x, y, z and radius. What is within 2 cm of the points or 1.5 cm of the spheres is cut out first, and
+        what it hides counts as not measured. viewpoint: (3,) where the camera stood, in the cloud's frame; without it
+        the cloud's origin, unless that cannot be. Raises CloudError for input that is no cloud or has no valid point in
         range.
         """
-        frame = Frame(cloud, self.depth_range, viewpoint)
+        frame = Frame(cloud, self.depth_range, viewpoint, robot)
         up_vector = None if up is None else unit_vector(up, name="up")
-        hand = None if gripper is None else as_cloud(gripper, name="gripper")
         rng = np.random.default_rng(self.seed)
         plane = frame.find_table(up_vector, rng, self.plane_distance, self.plane_band)
         if isinstance(plane, str):
-            return self._without_table(frame, hand)
+            return self._without_table(frame)
         height = frame.heights(plane.equation)
         plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
         height = frame.heights(plane.equation)
@@ -132,13 +133,13 @@ class Segmenter:
         on_table = _OnTable(level, height, flat, convex_outline(seen), pitch)
         kept, obstacles = self._sort(frame, chosen, labels, on_table)
         kept = self._over_holes(frame, frame.with_edges(kept, on_ramps), table, on_table)
-        return frame.scene(plane.equation, kept, obstacles, hand, len(table))
+        return frame.scene(plane.equation, kept, obstacles, len(table))
 
-    def _without_table(self, frame: Frame, hand: FloatArray | None) -> Scene:
+    def _without_table(self, frame: Frame) -> Scene:
         chosen, on_ramps = frame.without_flying(np.flatnonzero(frame.valid))
         labels = voxel_clusters(frame.points.take(chosen, axis=0).astype(np.float64), self.gap)
         kept, obstacles = self._sort(frame, chosen, labels, None)
-        return frame.scene(None, frame.with_edges(kept, on_ramps), obstacles, hand, 0)
+        return frame.scene(None, frame.with_edges(kept, on_ramps), obstacles, 0)
 
     def _sort(
         self, frame: Frame, chosen: IntArray, labels: IntArray, on_table: _OnTable | None

@@ -73,7 +73,7 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
 def segmentation(settings: Mapping[str, Any]) -> list[Row]:
     """A frame of the task's wrist camera, five objects on the table, beside a k-d tree of the frame's points."""
     from pecgrasp_env.policy.observation import read_observation
-    from pecgrasp_env.policy.perception import gripper_mask
+    from pecgrasp_env.robot.collision_spheres import robot_spheres
     from pecgrasp_env.sensor import deproject
 
     limits = settings.get("segment_at_most", {})
@@ -84,18 +84,18 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
         observation = read_observation(obs)
         env.close()
         cloud = deproject(*observation.frame)
-        cloud[gripper_mask(cloud, observation.opening)] = np.nan
+        robot = robot_spheres(observation.q, observation.opening, np.eye(4))
         T = observation.T_base_camera
         cloud = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
         valid = cloud[np.isfinite(cloud).all(axis=2)]
         segmenters: dict[str, Any] = {"default": Segmenter(), "published": Segmenter.published()}
         routines: dict[str, Callable[[], Any]] = {_TREE: partial(cKDTree, valid)}
         for name, segmenter in segmenters.items():
-            routines[name] = partial(segmenter.segment, cloud, up=_UP)
+            routines[name] = partial(segmenter.segment, cloud, up=_UP, robot=robot)
         times = side_by_side(routines, settings["repeats"])
         for row in rows_of(times, _TREE, f"{resolution}, {len(valid):,} points, 5 objects"):
             if row["name"] in segmenters:
-                row["objects_found"] = len(segmenters[row["name"]].segment(cloud, up=_UP).objects)
+                row["objects_found"] = len(segmenters[row["name"]].segment(cloud, up=_UP, robot=robot).objects)
             rows.append(limited(row, limits.get(resolution) if row["name"] == "default" else None))
     return rows
 

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from grasping import ROBOTIQ_2F_140, CloudError
 from grasping.cloud_files.depth_frame import checked_intrinsics
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
+from pecgrasp_env.robot.collision_spheres import TOOL, body, robot_spheres
+from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 _FARTHEST_M = 20.0  # half of a frame is never as far from a table
@@ -36,7 +37,8 @@ class RobotObservation:
     N, where the gripper measures it.
 
     take: takes the frame when it is first used. camera: T_base_camera (4, 4) where it is known otherwise than from the
-    joint angles. shows_gripper: whether the camera sits on the bracket, so that the gripper may be in its frame.
+    joint angles. knows_arm, knows_gripper: whether the joint angles and the opening are the robot's, so that it can be
+    told apart where it stands in the frame.
     """
 
     q: np.ndarray
@@ -44,7 +46,8 @@ class RobotObservation:
     take: Callable[[], DepthFrame]
     force: float | None = None
     camera: np.ndarray | None = None
-    shows_gripper: bool = True
+    knows_arm: bool = True
+    knows_gripper: bool = True
 
     @cached_property
     def frame(self) -> DepthFrame:
@@ -55,6 +58,18 @@ class RobotObservation:
     def T_base_camera(self) -> np.ndarray:
         """From the joint angles and the bracket's calibration, as on a real robot, unless it is given."""
         return forward_kinematics(self.q) @ T_TOOL0_CAMERA if self.camera is None else self.camera
+
+    @property
+    def robot(self) -> np.ndarray:
+        """(K, 4) x, y, z and radius, m, camera frame: spheres that cover what is known of the robot.
+
+        All of it; without the opening its arm; without the joint angles the hand, of a camera on the bracket.
+        """
+        parts = body(self.opening)
+        if self.knows_arm:
+            return robot_spheres(self.q, self.opening, self.T_base_camera)[self.knows_gripper | ~parts.gripper]
+        on_bracket = robot_spheres(HOME, self.opening, forward_kinematics(HOME) @ T_TOOL0_CAMERA)
+        return on_bracket[self.knows_gripper & (parts.frame == TOOL)]
 
 
 def read_observation(obs: Mapping[str, Any]) -> RobotObservation:
@@ -126,5 +141,6 @@ def observation_of_frame(
         raise ObservationError(f"q must be six joint angles in radians, got {joints.tolist()}")
     if opening is not None and not -_OPENING_SLACK_M <= opening <= ROBOTIQ_2F_140.stroke + _OPENING_SLACK_M:
         raise ObservationError(f"opening={opening}: must be within 0 … {ROBOTIQ_2F_140.stroke} m")
-    taken, shown = DepthFrame(depth, intrinsics), opening is not None
-    return RobotObservation(joints, opening or 0.0, lambda: taken, camera=T, shows_gripper=shown)
+    taken = DepthFrame(depth, intrinsics)
+    known = {"knows_arm": q is not None, "knows_gripper": opening is not None}
+    return RobotObservation(joints, opening or 0.0, lambda: taken, camera=T, **known)

@@ -1,4 +1,4 @@
-"""What one depth frame shows: the gripper masked, the objects cut out, and whether one of them is still there."""
+"""What one depth frame shows: the objects, without the robot itself, and whether one of them is still there."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class View:
 
 
 def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
-    """(…,) bool: points (…, 3) of the camera frame that may lie on the gripper itself."""
+    """(…,) bool: points (…, 3) of the camera frame that may lie on the gripper or on what it holds."""
     T_gripper_camera = np.linalg.inv(T_TOOL0_GRIPPER) @ T_TOOL0_CAMERA
     R, t = T_gripper_camera[:3, :3], T_gripper_camera[:3, 3]
     hand = ROBOTIQ_2F_140
@@ -51,10 +51,8 @@ def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
 
 def segment_frame(observation: RobotObservation, segmenter: Segmenter) -> Scene:
     """The objects in one depth frame, in the camera frame; `indices` are those of its pixels, row by row."""
-    cloud = deproject(*observation.frame)
-    if observation.shows_gripper:
-        cloud[gripper_mask(cloud, observation.opening)] = np.nan
-    return segmenter.segment(cloud, up=observation.T_base_camera[:3, :3].T @ UP)
+    up = observation.T_base_camera[:3, :3].T @ UP
+    return segmenter.segment(deproject(*observation.frame), up=up, robot=observation.robot)
 
 
 def look(observation: RobotObservation, segmenter: Segmenter) -> View:
@@ -85,7 +83,7 @@ def still_there(seen: SeenObject, observation: RobotObservation, plane: np.ndarr
     cloud = deproject(*observation.frame)
     T = observation.T_base_camera
     valid = np.isfinite(cloud[..., 2])
-    if observation.shows_gripper:
+    if observation.knows_gripper:
         valid &= ~gripper_mask(cloud, observation.opening)
     now = _moved(T, cloud[valid])
     height = now @ normal + offset

@@ -125,9 +125,10 @@ class ScriptedPolicy:
             intrinsics: of the camera.
             T_base_camera: (4, 4), camera frame (OpenCV) into the robot's base frame, whose z axis points up.
             target: the class that is asked for.
-            q: (6,) rad, where a UR5 is now; with it the joint paths are planned, too.
-            opening: m, of a 2F-140 that carries the camera as this project's bracket does: its own fingers are then cut
-                out of the frame. None: the frame shows no gripper.
+            q: (6,) rad, where a UR5 is now; with it the joint paths are planned, too, and its arm is cut out of the
+                frame, wherever the camera stands.
+            opening: m, of its 2F-140, which is then cut out as well; without q, of one that carries the camera as this
+                project's bracket does. None: the frame shows no gripper.
 
         Raises ObservationError for a frame, a pose or joint angles of the wrong shape, ValueError as `reset` does.
         """

@@ -1,7 +1,7 @@
-"""The robot's body as spheres, for planning motions: made from the collision shapes of its description.
+"""The robot's body as spheres, for planning motions and for telling it apart in a depth frame.
 
-Each box or cylinder becomes a row of spheres along its longest axis that covers all of it but the rims of a cylinder.
-NumPy only; no simulator.
+They are made from the collision shapes of its description: each box or cylinder becomes a row of spheres along its
+longest axis that covers all of it but the rims of a cylinder. NumPy only; no simulator.
 """
 
 from __future__ import annotations
@@ -50,6 +50,17 @@ class Spheres:
 def body(opening: float) -> Spheres:
     """The whole robot with the gripper at an opening (m); the base and the shoulder first, the hand last."""
     return _body(min(linkage.STROKE, float(np.ceil(opening / _OPENING_STEP - 1e-9) * _OPENING_STEP)))
+
+
+def robot_spheres(q: np.ndarray, opening: float, T_base_camera: np.ndarray) -> np.ndarray:
+    """(S, 4) x, y, z and radius, m: the whole robot in a camera's frame, as `Segmenter.segment(…, robot=…)` takes it.
+
+    q: (6,) joint angles, rad. opening: of the gripper, m. T_base_camera: (4, 4), camera frame into the base frame; the
+    identity gives the spheres in the base frame.
+    """
+    robot = body(opening)
+    R, t = T_base_camera[:3, :3], T_base_camera[:3, 3]
+    return np.column_stack([(robot.at(np.asarray(q, float)[None])[0] - t) @ R, robot.radius])
 
 
 @lru_cache(maxsize=64)

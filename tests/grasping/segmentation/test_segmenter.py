@@ -80,18 +80,6 @@ def test_an_object_at_the_edge_of_the_image_is_flagged() -> None:
     assert flags == {0: False, 1: True}
 
 
-def test_an_object_in_the_gripper_is_flagged() -> None:
-    T = look_down()
-    frame, owner = render(BOXES, T)
-    inverse = np.linalg.inv(T)
-    finger = inverse[:3, :3] @ np.array([0.0, 0.03, 0.05]) + inverse[:3, 3]
-    scene = Segmenter().segment(frame, up=up_in(T), gripper=finger[None])
-    touched = [
-        max(s, key=s.get) for s, flag in zip(owners_of(scene, owner), scene.touches_gripper, strict=True) if flag
-    ]
-    assert touched == [0]
-
-
 def test_a_plane_that_is_not_level_is_refused_and_said() -> None:
     T = look_down()
     frame, _ = render(BOXES, T)
