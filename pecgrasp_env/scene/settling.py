@@ -29,7 +29,7 @@ _REST_WINDOW_S = 0.2
 _REST_TRAVEL_M = 1e-4
 _PROOF_S = 1.0
 _PROOF_TRAVEL_M = 3e-4
-_FALL_DAMPING = 2.0  # 1/s, stands for rolling friction, which PhysX lacks: without it a can rolls for ever
+FALL_DAMPING = 2.0  # 1/s, stands for rolling friction, which PhysX lacks: without it a can rolls for ever
 _USUAL_DAMPING = 0.05  # PhysX's default
 _FRICTION = 0.6
 _SCENE_SETTINGS = {
@@ -50,7 +50,7 @@ _TOUCHING_M = 1e-3  # PhysX keeps bodies that lean on each other apart or togeth
 
 
 @contextmanager
-def _task_physics(near: bool = False) -> Iterator[physx.PhysxMaterial]:
+def task_physics(near: bool = False) -> Iterator[physx.PhysxMaterial]:
     """The task's physics inside, whoever's it was before afterwards; yields the table's material.
 
     SAPIEN's settings belong to the process, and ManiSkill changes them with every environment: a fall would depend on
@@ -99,10 +99,10 @@ def settle(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray
     Returns:
         (k, 7) poses at the end, and (k,) bool: at rest there, above the plane.
     """
-    with _task_physics() as material:
-        scene, bodies = _build(models, poses, floor=material)
-        _calm(scene, bodies)
-        return _prove(scene, bodies)
+    with task_physics() as material:
+        scene, bodies = build(models, poses, floor=material)
+        calm(scene, bodies)
+        return prove(scene, bodies)
 
 
 def push_together(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,13 +115,13 @@ def push_together(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.
     Returns:
         (k, 7) poses at the end; (k,) bool, at rest there, above the plane; and (k,) bool, touching another object.
     """
-    with _task_physics(near=True) as material:
-        scene, bodies = _build(models, poses, floor=material, surface=material)
+    with task_physics(near=True) as material:
+        scene, bodies = build(models, poses, floor=material, surface=material)
         material.static_friction = material.dynamic_friction = _ICE
         for body in bodies:
-            body.angular_damping = _FALL_DAMPING
+            body.angular_damping = FALL_DAMPING
         for _ in range(round(_PUSH_S / _STEP_S)):
-            places = _poses(bodies)[:, :2]
+            places = poses_of(bodies)[:, :2]
             for body, inwards in zip(bodies, places.mean(axis=0) - places, strict=True):
                 # At a set speed instead of by a force: whatever is in the way, nothing gathers momentum.
                 along = _PUSH_SPEED * inwards / max(float(np.linalg.norm(inwards)), _PUSH_SPEED * _STEP_S)
@@ -130,18 +130,20 @@ def push_together(models: Sequence[ObjectModel], poses: np.ndarray) -> tuple[np.
         material.static_friction = material.dynamic_friction = _FRICTION
         for body in bodies:
             body.linear_velocity = body.angular_velocity = np.zeros(3)
-        _calm(scene, bodies)
-        ends, at_rest = _prove(scene, bodies)
-        return ends, at_rest, _touching(scene, bodies)
+        calm(scene, bodies)
+        ends, at_rest = prove(scene, bodies)
+        touching, _ = contacts_of(scene, bodies)
+        return ends, at_rest, touching
 
 
-def _build(
+def build(
     models: Sequence[ObjectModel],
     poses: np.ndarray,
     *,
     floor: physx.PhysxMaterial,
     surface: physx.PhysxMaterial | None = None,
 ) -> tuple[sapien.Scene, list[physx.PhysxRigidDynamicComponent]]:
+    """A scene with the plane z = 0 and the objects at their poses (k, 7)."""
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = _STEP_S
     ground = physx.PhysxRigidStaticComponent()
@@ -149,57 +151,82 @@ def _build(
     slab.local_pose = sapien.Pose([0, 0, -0.1])
     ground.attach(slab)
     _add(scene, ground, sapien.Pose())
-    bodies = []
-    for model, pose in zip(models, poses, strict=True):
-        builder = sapien.ActorBuilder()
-        model.add_to(builder, material=surface)
-        builder.visual_records.clear()  # this scene has no renderer
-        body = builder.build_physx_component()
-        _add(scene, body, sapien.Pose(pose[:3], pose[3:]))
-        bodies.append(body)
+    bodies = [add_object(scene, model, pose, surface) for model, pose in zip(models, poses, strict=True)]
     return scene, bodies
 
 
-def _calm(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> None:
-    """Wait until nothing moves any more, at most some seconds."""
+def add_object(
+    scene: sapien.Scene, model: ObjectModel, pose: np.ndarray, surface: physx.PhysxMaterial | None = None
+) -> physx.PhysxRigidDynamicComponent:
+    """An object at a pose (7,) in a scene of `build`."""
+    builder = sapien.ActorBuilder()
+    model.add_to(builder, material=surface)
+    builder.visual_records.clear()  # this scene has no renderer
+    body = builder.build_physx_component()
+    _add(scene, body, sapien.Pose(pose[:3], pose[3:]))
+    return body
+
+
+def add_boxes(scene: sapien.Scene, boxes: Sequence[tuple[np.ndarray, sapien.Pose]], floor: physx.PhysxMaterial) -> None:
+    """Fixed boxes (half size (3,) m, pose) in a scene of `build`."""
+    fixed = physx.PhysxRigidStaticComponent()
+    for half_size, pose in boxes:
+        shape = physx.PhysxCollisionShapeBox(half_size=half_size, material=floor)
+        shape.local_pose = pose
+        fixed.attach(shape)
+    _add(scene, fixed, sapien.Pose())
+
+
+def calm(
+    scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent], longest_s: float = _LONGEST_FALL_S
+) -> None:
+    """Wait until nothing moves any more, at most so long."""
     for body in bodies:
-        body.angular_damping = _FALL_DAMPING
-    for _ in range(round(_LONGEST_FALL_S / _REST_WINDOW_S)):
-        before = _poses(bodies)
-        _step(scene, _REST_WINDOW_S)
-        if (_travel(before, _poses(bodies)) < _REST_TRAVEL_M).all():
+        body.angular_damping = FALL_DAMPING
+    for _ in range(round(longest_s / _REST_WINDOW_S)):
+        before = poses_of(bodies)
+        step(scene, _REST_WINDOW_S)
+        if (_travel(before, poses_of(bodies)) < _REST_TRAVEL_M).all():
             break
 
 
-def _prove(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> tuple[np.ndarray, np.ndarray]:
-    """The poses a second later, and which of them lasted."""
+def prove(
+    scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent], travel: float = _PROOF_TRAVEL_M
+) -> tuple[np.ndarray, np.ndarray]:
+    """The poses a second later, and which of them lasted: moved less than ``travel`` m, above the plane."""
     # Damping also slows what still tips over or rolls: without it, and from a standstill, the pose must last.
     for body in bodies:
         body.angular_damping = _USUAL_DAMPING
         body.linear_velocity = body.angular_velocity = np.zeros(3)
-    before = _poses(bodies)
-    _step(scene, _PROOF_S)
-    ends = _poses(bodies)
-    return ends, (_travel(before, ends) < _PROOF_TRAVEL_M) & (ends[:, 2] > 0)
+    before = poses_of(bodies)
+    step(scene, _PROOF_S)
+    ends = poses_of(bodies)
+    return ends, (_travel(before, ends) < travel) & (ends[:, 2] > 0)
 
 
-def _touching(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> np.ndarray:
-    """Which of the bodies lean on another one, (k,) bool."""
+def contacts_of(
+    scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the bodies lean on another one, (k,) bool; and how deep each is in anything, (k,) m, 0 or more."""
     number = {body.entity.per_scene_id: k for k, body in enumerate(bodies)}
-    result = np.zeros(len(bodies), bool)
+    touching, depth = np.zeros(len(bodies), bool), np.zeros(len(bodies))
     for contact in scene.get_contacts():
-        pair = [k for body in contact.bodies if (k := number.get(body.entity.per_scene_id)) is not None]
-        if len(pair) == 2 and any(point.separation < _TOUCHING_M for point in contact.points):
-            result[pair] = True
-    return result
+        ours = [k for body in contact.bodies if (k := number.get(body.entity.per_scene_id)) is not None]
+        nearest = min((point.separation for point in contact.points), default=np.inf)
+        depth[ours] = np.maximum(depth[ours], -nearest)
+        if len(ours) == 2 and nearest < _TOUCHING_M:
+            touching[ours] = True
+    return touching, depth
 
 
-def _step(scene: sapien.Scene, seconds: float) -> None:
+def step(scene: sapien.Scene, seconds: float) -> None:
+    """Let the scene run."""
     for _ in range(round(seconds / _STEP_S)):
         scene.step()
 
 
-def _poses(bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> np.ndarray:
+def poses_of(bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> np.ndarray:
+    """(k, 7), position [m] and quaternion wxyz."""
     return np.array([np.concatenate([body.entity.pose.p, body.entity.pose.q]) for body in bodies])
 
 
