@@ -4,53 +4,51 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict
-from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
 import sapien
 import torch
-from gymnasium import spaces
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils import common, sapien_utils
-from mani_skill.utils.gym_utils import convert_observation_to_space
+from mani_skill.utils import sapien_utils
 from mani_skill.utils.registration import register
 from mani_skill.utils.structs.pose import Pose
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
 from pecgrasp_env.envs import reward, validation
 from pecgrasp_env.envs import task_state as outcome
-from pecgrasp_env.envs.cloud_observation import sample_cloud
 from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
 from pecgrasp_env.envs.lazy_images import LazyImages
-from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
 from pecgrasp_env.envs.reset_options import read_options
 from pecgrasp_env.envs.validation import TaskError, take_options
 from pecgrasp_env.envs.words import Words
+from pecgrasp_env.envs.wrist_camera_env import NOISE, WristCameraEnv
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
 from pecgrasp_env.robot.pad_contact import both_press, outward
 from pecgrasp_env.scene import table as workbench
 from pecgrasp_env.scene.actors import Recipe, SceneObjects, Wish
-from pecgrasp_env.scene.clutter import lay_out
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
+from pecgrasp_env.scene.clutter import BIN, lay_out
 from pecgrasp_env.scene.placement import REGION, WIDE_REGION
+from pecgrasp_env.scene.visibility import box_mesh, lying_on, placed_mesh, visible_shares
 from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
-from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides, sense
+from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides
+from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV
 
 _FAR_APART = 0.03  # m, clearance from which on PhysX's persistent contact manifolds do no harm, see `fall`
 _MOST_IN_REGION = 5  # more objects are laid out in the wide one
 
 # Streams of random numbers of one episode: which objects and how they lie are drawn apart.
-_CHOICE, _LAYOUT, _NOISE, _PHYSICS, _LIGHT = 0, 1, 2, 3, 4
+_CHOICE, _LAYOUT, _NOISE, _PHYSICS, _LIGHT = 0, 1, NOISE, 3, 4
 
 
-class SelectiveGraspEnv(BaseEnv):
+class SelectiveGraspEnv(WristCameraEnv):
     """
     ## Description
-    Several objects lie on a table. One class is asked for. The arm has to take hold of an object of that class and to
-    lift it; to lift another one, or to push anything off the table, is a failure.
+    Several objects lie on a table, or in a bin on it. One class is asked for. The arm has to take hold of an object of
+    that class and to lift it; to lift another one, or to push anything off the table, is a failure.
 
     The world frame is the robot's base frame: z up, tabletop at z = 0, the objects in front of the robot within
     0.33 m < x < 0.67 m, abs(y) < 0.25 m. Lengths in metres, angles in radians, quaternions w, x, y, z. Control at
@@ -103,7 +101,7 @@ class SelectiveGraspEnv(BaseEnv):
     | grasp: an asked-for object is held | 0, 1 |
     | lift: air under it / 0.15 m, while held | 0 … 1 |
     | still: 1 − tanh(10 · its speed in m/s), while held 0.15 m above the table | 0 … 1 |
-    | wrong: another object is held | −1, 0 |
+    | wrong: another object is held, and not one that `clear` allows to take away | −1, 0 |
 
     | at the end | |
     |---|---|
@@ -114,7 +112,9 @@ class SelectiveGraspEnv(BaseEnv):
 
     ## Starting State
     `n_objects` instances are drawn, dropped in random orientations, and laid out where they came to rest, as densely
-    as `clutter` says. Their classes all differ while there are enough of them; one is asked for. Where there are more
+    as `clutter` says: apart, close, touching, dropped onto each other, or dropped into a bin. The bin stands at
+    (0.5, 0), is 0.25 m wide along x, 0.35 m along y and 0.12 m high inside, its bottom and walls are 6 mm thick, and it
+    does not move. Their classes all differ while there are enough of them; one is asked for. Where there are more
     objects than classes, others than the asked-for one come twice or more. With `same_class_twins` the asked-for class
     is there twice, and either of the two is right. The arm hangs over the table in its home posture, the camera
     looking at the objects, ± `joint_noise`.
@@ -136,16 +136,25 @@ class SelectiveGraspEnv(BaseEnv):
 
     ## Episode End
     Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
-    slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps. `info` says
-    what happened, one value a sub-environment:
+    slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps.
+
+    With `clear` an object may be taken away if both pads press on it while it lies on an object of the asked-for class
+    and has risen by at most 0.05 m since the start: seen from straight above, 1 cm² of it or more is above that object, or above
+    something that so lies on it. From then on it is no `wrong_object`, however high it is lifted and whatever else is
+    done with it, and no `wrong_held`; that it leaves the table still is a failure, and so is lifting any other object,
+    as one that hides the asked-for one from the camera only, or that comes up with the one that was taken. Nothing is
+    earned by it.
+
+    `info` says what happened, one value a sub-environment:
     | key | meaning |
     |---|---|
     | success, fail | as above |
-    | wrong_object | an object of another class has more than 0.05 m of air under it |
+    | wrong_object | an object of another class, that may not be taken away, has 0.05 m of air more than at the start |
     | off_table | any object has left the table |
-    | dropped | an asked-for object had been lifted and is on the table again: no failure, it may be picked up again |
+    | dropped | an asked-for object had been lifted and is down again: no failure, it may be picked up again |
     | disturbance_m | how far the other object that was moved most is from where it lay at the start, m |
-    | target_held, wrong_held | both pads press on an object of the asked-for class, on another one |
+    | target_held, wrong_held | both pads press on an object of the asked-for class, on a wrong one |
+    | visible_share | of the pixels that the asked-for object would cover alone in the wrist camera's image of the start the share that nothing hides, exact, 0 … 1; of twins that of the one that is seen better |
     | target_distance | from the pads' centre to the nearest object of the asked-for class, m |
     | grip_force | as `extra/force`, N |
     | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
@@ -155,10 +164,11 @@ class SelectiveGraspEnv(BaseEnv):
     ## Arguments
     | name | default | meaning |
     |---|---|---|
-    | `n_objects` | 3 | objects on the table, 1 … 8; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
+    | `n_objects` | 3 | 1 … 8, piled or in a bin … 15; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
     | `classes` | None | what may lie there, in the one-hot's order; None: the LARS five, or all of a folder or source |
     | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
-    | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another |
+    | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another; "piled": dropped onto each other; "bin": dropped into the bin |
+    | `clear` | False | what lies on the asked-for object may be taken away, see Episode End |
     | `same_class_twins` | False | the asked-for class lies there twice, either is right |
     | `clearance` | 0.03 | least distance between two outlines at the start where they lie apart, m |
     | `joint_noise` | 0.02 | greatest deviation of each arm joint from the home posture at the start, rad |
@@ -187,9 +197,6 @@ class SelectiveGraspEnv(BaseEnv):
     SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid,)
     SUPPORTED_REWARD_MODES = ("normalized_dense", "dense", "sparse", "none")
     agent: UR5Robotiq2F140
-    # Set to True, visual observations hold `LazyImages`, the same ones: each is rendered if and when it is read, which
-    # must be before the next step. For whoever reads them seldom, as the scripted policy; wrappers that copy read all.
-    pictures_on_demand = False
 
     def __init__(
         self,
@@ -221,6 +228,7 @@ class SelectiveGraspEnv(BaseEnv):
             self.randomisation.mass_scale,
         )
         self._only_cloud = obs_mode == "cloud"
+        self._fixed = [box_mesh(*box) for box in BIN.boxes()] if self.layout.clutter == "bin" else []
         self._shown: dict[str, LazyImages] = {}
         self._wishes = [Wish()] * num_envs
         if reconfiguration_freq is None:
@@ -230,13 +238,17 @@ class SelectiveGraspEnv(BaseEnv):
         # Light is computed only where colour is observed; point clouds carry the plain colours.
         textures = {"rgbd": ["rgb"], "pointcloud": []}.get(obs_mode or "", (obs_mode or "").split("+"))
         shader = {} if shader_dir is None else {"shader_pack": shader_dir}
-        intrinsics, camera, others = camera_overrides(
+        self._intrinsics, camera, others = camera_overrides(
             self.sensing.intrinsics, textures, shader | dict(sensor_configs or {})
         )
         if others and type(self)._default_sensor_configs is BaseEnv._default_sensor_configs:
             raise TaskError(f"sensor_configs: no camera {', '.join(others)}, there is {CAMERA!r}")
-        if self._only_cloud and self.sensing.cloud_points > intrinsics.width * intrinsics.height:
-            size = f"{intrinsics.width}x{intrinsics.height}"
+        self._T_link_camera = np.eye(4)  # OpenCV axes, both
+        if "pose" in camera:
+            self._T_link_camera[:3] = camera["pose"].to_transformation_matrix()[:3]
+            self._T_link_camera[:3, :3] = self._T_link_camera[:3, :3] @ SAPIEN_FROM_OPENCV
+        if self._only_cloud and self.sensing.cloud_points > self._intrinsics.width * self._intrinsics.height:
+            size = f"{self._intrinsics.width}x{self._intrinsics.height}"
             raise TaskError(f"cloud_points={self.sensing.cloud_points}: a picture of {size} has fewer pixels")
         validation.claim_process()
         for name in ("human_render_camera_configs", "viewer_camera_configs"):
@@ -282,6 +294,8 @@ class SelectiveGraspEnv(BaseEnv):
     def _load_scene(self, options: dict) -> None:
         workbench.build_table(self.scene)
         workbench.build_floor(self.scene)
+        if self.layout.clutter == "bin":
+            BIN.add_to(self.scene.create_actor_builder()).build_static(name="bin")
         # An asked-for object takes no fixed slot: its number in a segmentation image must not give it away.
         draws = [self._generator(i, _CHOICE) for i in range(self.num_envs)]
         physics = [self._generator(i, _PHYSICS) for i in range(self.num_envs)]
@@ -304,6 +318,7 @@ class SelectiveGraspEnv(BaseEnv):
         region = REGION if layout.n_objects <= _MOST_IN_REGION else WIDE_REGION
         poses = np.zeros((len(indices), layout.n_objects, 7))
         asked, noise = np.zeros(len(indices), np.int64), np.zeros(len(indices), np.int64)
+        visible = np.zeros(len(indices), np.float32)
         home = np.asarray(self.agent.keyframes["home"].qpos, dtype=np.float32)
         qpos = np.tile(home, (len(indices), 1))
         for row, i in enumerate(indices):
@@ -314,6 +329,7 @@ class SelectiveGraspEnv(BaseEnv):
             poses[row] = lay_out(self.models[i], rng, region, layout.clutter, layout.clearance)
             qpos[row, :6] += rng.uniform(-layout.joint_noise, layout.joint_noise, size=6)
             noise[row] = self._generator(i, _NOISE).integers(2**31)
+            visible[row] = self._visible_share(i, poses[row], qpos[row, :6], int(asked[row]))
             self.target_names[i] = self.classes[asked[row]]
             self._planner_reasons[i] = ""
         placed = torch.tensor(poses, dtype=torch.float32, device=self.device)
@@ -321,8 +337,19 @@ class SelectiveGraspEnv(BaseEnv):
             actor.set_pose(Pose.create(placed[:, slot]))
         self.agent.reset(torch.tensor(qpos, device=self.device))
         self.agent.robot.set_pose(sapien.Pose())
-        asked_for, noise_seeds = (torch.as_tensor(numbers, device=self.device) for numbers in (asked, noise))
-        self.memory.begin(env_idx, asked_for, placed[..., :3], noise_seeds)
+        asked_for, noise_seeds, shares = (
+            torch.as_tensor(numbers, device=self.device) for numbers in (asked, noise, visible)
+        )
+        air = outcome.air_below(placed, self.table.hull_vertices[env_idx])
+        self.memory.begin(env_idx, asked_for, placed[..., :3], air, noise_seeds, shares)
+
+    def _visible_share(self, env_index: int, poses: np.ndarray, q: np.ndarray, asked: int) -> float:
+        """Of the asked-for object, of twins the one that is seen better; poses (K, 7), joint angles (6,)."""
+        models = self.models[env_index]
+        meshes = [placed_mesh(model, pose) for model, pose in zip(models, poses, strict=True)]
+        T_world_camera = forward_kinematics(q) @ T_TOOL0_CAMERA @ self._T_link_camera
+        shares = visible_shares([*meshes, *self._fixed], T_world_camera, self._intrinsics)
+        return max(float(shares[k]) for k, model in enumerate(models) if model.class_name == self.classes[asked])
 
     @property
     def target_class(self) -> torch.Tensor:
@@ -383,6 +410,9 @@ class SelectiveGraspEnv(BaseEnv):
         directions = outward(self.agent.left_finger)
         forces = pad_forces(self.agent, self.objects)
         held = both_press(forces[:, :, :-1], directions)
+        if self.layout.clear:
+            low = air - self.memory.air_at_start <= outcome.WRONG_LIFT_HEIGHT
+            self._let_take(held & low, poses)
         distances = torch.linalg.norm(positions - pads_centre(self.agent)[:, None], dim=2)
         nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
         self._nearest = nearest.indices
@@ -394,6 +424,13 @@ class SelectiveGraspEnv(BaseEnv):
             "target": Words.of(self.target_names),
             "planner_reason": Words.of(self._planner_reasons),
         }
+
+    def _let_take(self, taken: torch.Tensor, poses: torch.Tensor) -> None:
+        """What is taken hold of, (N, K) bool, while it lies on the asked-for object may be taken away."""
+        for i in torch.nonzero((taken & ~self.is_target & ~self.memory.may_take).any(dim=1))[:, 0].tolist():
+            meshes = [placed_mesh(*each) for each in zip(self.models[i], poses[i].cpu().numpy(), strict=True)]
+            upon = torch.as_tensor(lying_on(meshes), device=self.device)
+            self.memory.may_take[i] |= taken[i] & upon[:, self.is_target[i]].any(dim=1)
 
     # ------------------------------------------------------------------ state
 
@@ -420,7 +457,7 @@ class SelectiveGraspEnv(BaseEnv):
         controllers = self.agent.get_controller_state()
         for name, values in controllers_then.items():
             for key, value in values.items():
-                controllers[name][key][rows] = value
+                controllers[name][key][rows] = value.clone()  # which may be what it is to replace
         self.agent.set_controller_state(controllers)
         self.memory.restore(task, rows)
         self._elapsed_steps[rows] = task["elapsed_steps"][:, 0].to(self._elapsed_steps.dtype)
@@ -446,69 +483,6 @@ class SelectiveGraspEnv(BaseEnv):
             target_pose = poses[torch.arange(self.num_envs, device=self.device), self._nearest]
             observation |= {"target_pose": target_pose, "object_poses": poses.flatten(1)}
         return observation
-
-    @property
-    def obs_mode(self) -> str:
-        return "cloud" if self._only_cloud else self._obs_mode
-
-    def _get_obs_with_sensor_data(self, info: dict, apply_texture_transforms: bool = True) -> dict:
-        if self.pictures_on_demand and apply_texture_transforms:
-            observation = {
-                "agent": self._get_obs_agent(),
-                "extra": self._get_obs_extra(info),
-                "sensor_param": self.get_sensor_params(),
-                "sensor_data": self._lazy_images(),
-            }
-        else:
-            observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
-        if not self._only_cloud:
-            return observation
-        depth = observation.pop("sensor_data")["wrist_camera"]["depth"]
-        camera = observation.pop("sensor_param")["wrist_camera"]
-        cloud = sample_cloud(
-            depth[..., 0],
-            camera["intrinsic_cv"],
-            camera["cam2world_gl"] @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], device=self.device)),
-            self.memory.noise_seed,
-            self._elapsed_steps,
-            self.sensing.cloud_points,
-        )
-        return {**observation, "cloud": cloud}
-
-    def _lazy_images(self) -> dict[str, LazyImages]:
-        """Each sensor's images of this moment, not yet rendered; those of the moment before can be had no more."""
-        for images in self._shown.values():
-            images.expire()
-        rendered = cache(self._get_obs_sensor_data)
-        visual = asdict(self.obs_mode_struct.visual)
-        kinds = [kind for kind, wanted in visual.items() if wanted]
-        self._shown = {
-            name: LazyImages(kinds, partial(lambda sensor: rendered()[sensor], name)) for name in self._sensors
-        }
-        return dict(self._shown)
-
-    @cached_property
-    def single_observation_space(self) -> spaces.Space:
-        if self._obs_mode == "state":
-            low, high = flat_bounds(self.get_obs(unflattened=True), self.control_freq)
-            if low.shape == self._init_raw_obs.shape[1:]:
-                return spaces.Box(low, high, dtype=np.float32)
-        space = convert_observation_to_space(common.to_numpy(self._init_raw_obs), unbatched=True)
-        return bounded(space, self.control_freq)
-
-    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict:
-        data = super()._get_obs_sensor_data(apply_texture_transforms)
-        if not apply_texture_transforms:
-            return data
-        for name, images in data.items():
-            if "depth" in images or "position" in images:
-                # One generator for each image, so that looking twice at one moment shows the same.
-                generators = [
-                    np.random.default_rng([_NOISE, int(seed), int(step)])
-                    for seed, step in zip(self.memory.noise_seed, self.elapsed_steps, strict=True)
-                ]
-                data[name] = sense(images, self._sensors[name], self.sensing.sensor, generators)
-        return data
 
     # ----------------------------------------------------------------- reward
 

@@ -13,8 +13,9 @@ import torch
 from mani_skill.utils.geometry.rotation_conversions import quaternion_to_matrix
 
 LIFT_HEIGHT = 0.15  # m of air under an asked-for object: success
-WRONG_LIFT_HEIGHT = 0.05  # m of air under any other object: failure
-LIFTED_HEIGHT = 0.05  # m of air under an asked-for object from which on it can be dropped
+# m of air more than at the start, where an object may lie on others:
+WRONG_LIFT_HEIGHT = 0.05  # under any other object: failure
+LIFTED_HEIGHT = 0.05  # under an asked-for object from which on it can be dropped
 LANDED_HEIGHT = 0.02
 OFF_TABLE_HEIGHT = -0.02  # m, height of a lowest point below which an object has left the table
 STILL_SPEED = 0.02  # m/s
@@ -27,8 +28,10 @@ class Memory:
     asked: (N,) long, index of the asked-for class. instances: (N, K) long, which instances lie on the table.
     was_lifted: (N, K) bool, an asked-for object was more than LIFTED_HEIGHT above the table. dropped: (N,) bool.
     start, before: (N, K, 3) m, positions at the start of the episode and before the last control step.
+    air_at_start: (N, K) m, 0 or more.
     potential: (N,) of the reward after the last control step, NaN where none was taken.
     noise_seed: (N,) long below 2^31, of the sensor's noise and the sampling of clouds.
+    visible_share: (N,) at the start. may_take: (N, K) bool, objects that it is no failure to take away.
     """
 
     asked: torch.Tensor
@@ -37,8 +40,11 @@ class Memory:
     dropped: torch.Tensor
     start: torch.Tensor
     before: torch.Tensor
+    air_at_start: torch.Tensor
     potential: torch.Tensor
     noise_seed: torch.Tensor
+    visible_share: torch.Tensor
+    may_take: torch.Tensor
 
     @classmethod
     def empty(cls, instances: torch.Tensor) -> Memory:
@@ -51,23 +57,40 @@ class Memory:
             dropped=torch.zeros(n, dtype=torch.bool, device=device),
             start=torch.zeros(n, k, 3, device=device),
             before=torch.zeros(n, k, 3, device=device),
+            air_at_start=torch.zeros(n, k, device=device),
             potential=torch.full((n,), torch.nan, device=device),
             noise_seed=torch.zeros(n, dtype=torch.long, device=device),
+            visible_share=torch.zeros(n, device=device),
+            may_take=torch.zeros(n, k, dtype=torch.bool, device=device),
         )
 
-    def begin(self, env_idx: torch.Tensor, asked: torch.Tensor, start: torch.Tensor, noise_seed: torch.Tensor) -> None:
-        """A new episode in the sub-environments ``env_idx`` (M,): class (M,), positions (M, K, 3), seeds (M,)."""
+    def begin(
+        self,
+        env_idx: torch.Tensor,
+        asked: torch.Tensor,
+        start: torch.Tensor,
+        air: torch.Tensor,
+        noise_seed: torch.Tensor,
+        visible_share: torch.Tensor,
+    ) -> None:
+        """A new episode in the sub-environments ``env_idx`` (M,): class (M,), positions (M, K, 3) and air (M, K) under
+        the objects, seeds (M,), and how much of the asked-for object is seen (M,).
+        """
         self.asked[env_idx] = asked
         self.noise_seed[env_idx] = noise_seed
+        self.visible_share[env_idx] = visible_share
+        self.may_take[env_idx] = False
         self.start[env_idx] = self.before[env_idx] = start
+        self.air_at_start[env_idx] = air.clamp(min=0.0)
         self.was_lifted[env_idx] = False
         self.dropped[env_idx] = False
         self.potential[env_idx] = torch.nan
 
     def note(self, positions: torch.Tensor, air: torch.Tensor, is_asked: torch.Tensor) -> None:
         """Before a control step: where the objects (N, K, 3) are and how much air (N, K) is under them."""
-        self.was_lifted |= is_asked & (air > LIFTED_HEIGHT)
-        self.dropped |= (self.was_lifted & (air < LANDED_HEIGHT)).any(dim=1)
+        risen = air - self.air_at_start
+        self.was_lifted |= is_asked & (risen > LIFTED_HEIGHT)
+        self.dropped |= (self.was_lifted & (risen < LANDED_HEIGHT)).any(dim=1)
         self.before = positions.clone()
 
     def to_state(self) -> dict[str, torch.Tensor]:
@@ -81,8 +104,11 @@ class Memory:
             "dropped": self.dropped[:, None],
             "start": self.start.flatten(1),
             "before": self.before.flatten(1),
+            "air_at_start": self.air_at_start,
             "potential": self.potential[:, None],
             "noise_seed": halves,
+            "visible_share": self.visible_share[:, None],
+            "may_take": self.may_take,
         }
         return {name: tensor.to(torch.float32, copy=True) for name, tensor in tensors.items()}
 
@@ -94,9 +120,12 @@ class Memory:
         self.dropped[env_idx] = state["dropped"][:, 0] > 0.5
         self.start[env_idx] = state["start"].reshape(shape)
         self.before[env_idx] = state["before"].reshape(shape)
+        self.air_at_start[env_idx] = state["air_at_start"]
         self.potential[env_idx] = state["potential"][:, 0]
         high, low = state["noise_seed"].long().unbind(dim=1)
         self.noise_seed[env_idx] = (high << 16) + low
+        self.visible_share[env_idx] = state["visible_share"][:, 0]
+        self.may_take[env_idx] = state["may_take"] > 0.5
 
 
 def air_below(poses: torch.Tensor, hull_vertices: torch.Tensor) -> torch.Tensor:
@@ -124,7 +153,9 @@ def judge(
     asked_held = held & is_asked
     # With twins: the one in the hand, else the one that is highest up.
     carried = (air + 1e3 * asked_held).masked_fill(~is_asked, -torch.inf).argmax(dim=1, keepdim=True)
-    wrong_object = ((air > WRONG_LIFT_HEIGHT) & ~is_asked).any(dim=1)
+    wrong = ~is_asked & ~memory.may_take
+    risen = air - memory.air_at_start
+    wrong_object = ((risen > WRONG_LIFT_HEIGHT) & wrong).any(dim=1)
     off_table = (air < OFF_TABLE_HEIGHT).any(dim=1)
     fail = wrong_object | off_table
     shifted = torch.linalg.norm(positions - memory.start, dim=2)
@@ -133,12 +164,13 @@ def judge(
         "fail": fail,
         "wrong_object": wrong_object,
         "off_table": off_table,
-        "dropped": memory.dropped | (memory.was_lifted & (air < LANDED_HEIGHT)).any(dim=1),
+        "dropped": memory.dropped | (memory.was_lifted & (risen < LANDED_HEIGHT)).any(dim=1),
         "disturbance_m": shifted.masked_fill(is_asked, 0.0).amax(dim=1),
         "target_held": asked_held.any(dim=1),
-        "wrong_held": (held & ~is_asked).any(dim=1),
+        "wrong_held": (held & wrong).any(dim=1),
         "target_air": air.gather(1, carried)[:, 0],
         "target_speed": speeds.gather(1, carried)[:, 0],
+        "visible_share": memory.visible_share.clone(),
     }
 
 

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pecgrasp_env.objects import LARS_CLASSES, open_objects
-from pecgrasp_env.scene.clutter import CLUTTERS
-from pecgrasp_env.scene.draw_objects import MOST_OBJECTS
+from pecgrasp_env.scene.clutter import CLUTTERS, MOST_OBJECTS
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, intrinsics_of
 
 LIGHTS = ("fixed", "random")
@@ -44,7 +43,8 @@ class ForkError(TaskError):
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """What lies on the table and how, and where the arm starts; the card of `SelectiveGraspEnv` has the meanings.
+    """What lies on the table and how, what may be done to it, and where the arm starts; the card of `SelectiveGraspEnv`
+    has the meanings.
 
     Raises TaskError.
     """
@@ -54,17 +54,23 @@ class SceneOptions:
     objects: Any = None
     clutter: str = "apart"
     same_class_twins: bool = False
+    clear: bool = False
     clearance: float = 0.03
     joint_noise: float = 0.02
 
     def __post_init__(self) -> None:
         fewest = 2 if self.same_class_twins else 1
-        if not fewest <= self.n_objects <= MOST_OBJECTS:
-            raise TaskError(f"n_objects={self.n_objects}: must be between {fewest} and {MOST_OBJECTS}")
-        if self.classes is not None:
-            _check_classes(tuple(self.classes), self.n_objects, fewest)
         if self.clutter not in CLUTTERS:
             raise TaskError(f"clutter={self.clutter!r}: must be one of {CLUTTERS}")
+        most = MOST_OBJECTS[self.clutter]
+        if not fewest <= self.n_objects <= most:
+            more = [f"{name!r} {each}" for name, each in MOST_OBJECTS.items() if each > most]
+            raise TaskError(
+                f"n_objects={self.n_objects}: must be between {fewest} and {most} with clutter={self.clutter!r}"
+                + (f"; there is room for more with {', '.join(more)}" if more else "")
+            )
+        if self.classes is not None:
+            _check_classes(tuple(self.classes), self.n_objects, fewest)
         for name, value in (("clearance", self.clearance), ("joint_noise", self.joint_noise)):
             if not 0 <= value < float("inf"):
                 raise TaskError(f"{name}={value}: must be a number and not negative")

@@ -1,4 +1,4 @@
-"""How densely objects lie: apart, close to each other, or leaning against each other."""
+"""How densely objects lie: apart, close to each other, leaning against each other, in a pile, or in a bin."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from pecgrasp_env.objects import ObjectModel
+from pecgrasp_env.scene.piles import Bin, fill_bin, pile
 from pecgrasp_env.scene.placement import PlacementError, Region, arrange, drop_each, move, outline_of, separation, turn
 from pecgrasp_env.scene.settling import push_together
 
-CLUTTERS = ("apart", "close", "touching")
+# And how many at most: more than eight do not fit side by side where the camera looks from its home posture.
+MOST_OBJECTS = {"apart": 8, "close": 8, "touching": 8, "piled": 15, "bin": 15}
+CLUTTERS = tuple(MOST_OBJECTS)
+BIN = Bin()
 CLOSE_GAP_M = (0.005, 0.02)
 _TOUCHING_GAP_M = (0.002, 0.004)  # before they are pushed together
 _STRIDE_M = 0.01
@@ -27,19 +31,28 @@ def lay_out(
     clutter: str = "apart",
     clearance: float = 0.03,
 ) -> np.ndarray:
-    """Poses (n, 7), world frame, in which the objects rest on z = 0 inside the region.
+    """Poses (n, 7), world frame, in which the objects rest inside the region, by ``clutter`` on z = 0, on each other, or
+    in the bin.
 
-    Each object falls in a random orientation, so it may lie on any face it can lie on. Then, by ``clutter``:
+    Each object falls in a random orientation, so it may lie on any face it can lie on. By ``clutter``, it falls alone,
+    and then they are
     - "apart": turned about the vertical and put anywhere, outlines at least ``clearance`` metres from each other;
     - "close": one after another moved up, from a random side, to those already there, until its outline is
       5 to 20 mm (uniform) from the nearest;
-    - "touching": the same, then pushed together until each leans against another one, and come to rest again.
+    - "touching": the same, then pushed together until each leans against another one, and come to rest again;
+    or they fall one after another where they stay:
+    - "piled": round one place of the table, each at rest on the table or on others, and touching another;
+    - "bin": into `BIN`, wherever the region is.
 
     Outlines are the convex ones seen from above, so bodies are at least as far apart.
 
     Raises:
         PlacementError: an object never comes to rest, or the objects do not fit.
     """
+    if clutter == "piled":
+        return pile(models, rng, region)
+    if clutter == "bin":
+        return fill_bin(models, rng, BIN)
     resting = drop_each(models, rng)
     if clutter == "apart" or len(models) == 1:
         if len(models) <= _FEW:

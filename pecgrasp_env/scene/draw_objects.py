@@ -9,8 +9,6 @@ import numpy as np
 
 from pecgrasp_env.objects import ObjectModel
 
-MOST_OBJECTS = 8  # more do not fit apart into the part of the table that the camera sees from its home posture
-
 
 def draw_classes(
     n_classes: int, n_objects: int, twins: bool, rng: np.random.Generator, wanted: int | None = None

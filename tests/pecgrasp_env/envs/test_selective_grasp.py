@@ -322,7 +322,8 @@ def test_dense_rewards_keep_their_bounds(env):
     ("kwargs", "error", "words"),
     [
         ({"n_objects": 0}, TaskError, "n_objects=0"),
-        ({"n_objects": 9}, TaskError, "n_objects=9"),
+        ({"n_objects": 9}, TaskError, "n_objects=9.*'apart'.*'piled' 15"),
+        ({"n_objects": 16, "clutter": "bin"}, TaskError, "n_objects=16.*1 and 15"),
         ({"n_objects": 1, "same_class_twins": True}, TaskError, "n_objects=1"),
         ({"n_objects": 2, "classes": ("mouse",)}, TaskError, "n_objects=2"),
         ({"clutter": "messy"}, TaskError, "clutter='messy'"),

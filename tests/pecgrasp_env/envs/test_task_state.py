@@ -159,7 +159,9 @@ def test_memory_survives_as_float32(noise_seed, n, k, seed):
     memory = Memory.empty(torch.randint(0, 140, (n, k), generator=generator))
     everyone = torch.arange(n)
     start = torch.rand(n, k, 3, generator=generator)
-    memory.begin(everyone, torch.randint(0, k, (n,), generator=generator), start, torch.full((n,), noise_seed))
+    asked, air = torch.randint(0, k, (n,), generator=generator), torch.rand(n, k, generator=generator) * 0.1
+    memory.begin(everyone, asked, start, air, torch.full((n,), noise_seed), torch.rand(n, generator=generator))
+    memory.may_take[:] = torch.rand(n, k, generator=generator) > 0.5
     memory.note(start + 0.1, torch.rand(n, k, generator=generator) * 0.2, torch.rand(n, k, generator=generator) > 0.5)
     other = Memory.empty(memory.instances)
     state = memory.to_state()

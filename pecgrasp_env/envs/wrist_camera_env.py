@@ -1,0 +1,100 @@
+"""What the task shows: the wrist camera through its sensor, lazily where that is wished, or as a cloud of fixed size."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import cache, cached_property, partial
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.utils import common
+from mani_skill.utils.gym_utils import convert_observation_to_space
+
+from pecgrasp_env.envs.cloud_observation import sample_cloud
+from pecgrasp_env.envs.lazy_images import LazyImages
+from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
+from pecgrasp_env.envs.task_state import Memory
+from pecgrasp_env.envs.validation import SensingOptions
+from pecgrasp_env.sensor.maniskill_camera import CAMERA, sense
+
+NOISE = 2  # number of the sensor's stream of random numbers among an episode's
+
+
+class WristCameraEnv(BaseEnv):
+    """A ManiSkill environment whose depth comes from the wrist camera's sensor model.
+
+    ``sensing`` and ``memory`` are the task's; set ``_only_cloud`` and ``_shown`` before `BaseEnv.__init__`.
+    """
+
+    # Set to True, visual observations hold `LazyImages`, the same ones: each is rendered if and when it is read, which
+    # must be before the next step. For whoever reads them seldom, as the scripted policy; wrappers that copy read all.
+    pictures_on_demand = False
+    sensing: SensingOptions
+    memory: Memory
+    _only_cloud: bool
+    _shown: dict[str, LazyImages]
+
+    @property
+    def obs_mode(self) -> str:
+        return "cloud" if self._only_cloud else self._obs_mode
+
+    def _get_obs_with_sensor_data(self, info: dict, apply_texture_transforms: bool = True) -> dict:
+        if self.pictures_on_demand and apply_texture_transforms:
+            observation = {
+                "agent": self._get_obs_agent(),
+                "extra": self._get_obs_extra(info),
+                "sensor_param": self.get_sensor_params(),
+                "sensor_data": self._lazy_images(),
+            }
+        else:
+            observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
+        if not self._only_cloud:
+            return observation
+        depth = observation.pop("sensor_data")[CAMERA]["depth"]
+        camera = observation.pop("sensor_param")[CAMERA]
+        cloud = sample_cloud(
+            depth[..., 0],
+            camera["intrinsic_cv"],
+            camera["cam2world_gl"] @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], device=self.device)),
+            self.memory.noise_seed,
+            self._elapsed_steps,
+            self.sensing.cloud_points,
+        )
+        return {**observation, "cloud": cloud}
+
+    def _lazy_images(self) -> dict[str, LazyImages]:
+        """Each sensor's images of this moment, not yet rendered; those of the moment before can be had no more."""
+        for images in self._shown.values():
+            images.expire()
+        rendered = cache(self._get_obs_sensor_data)
+        visual = asdict(self.obs_mode_struct.visual)
+        kinds = [kind for kind, wanted in visual.items() if wanted]
+        self._shown = {
+            name: LazyImages(kinds, partial(lambda sensor: rendered()[sensor], name)) for name in self._sensors
+        }
+        return dict(self._shown)
+
+    @cached_property
+    def single_observation_space(self) -> spaces.Space:
+        if self._obs_mode == "state":
+            low, high = flat_bounds(self.get_obs(unflattened=True), self.control_freq)
+            if low.shape == self._init_raw_obs.shape[1:]:
+                return spaces.Box(low, high, dtype=np.float32)
+        space = convert_observation_to_space(common.to_numpy(self._init_raw_obs), unbatched=True)
+        return bounded(space, self.control_freq)
+
+    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict:
+        data = super()._get_obs_sensor_data(apply_texture_transforms)
+        if not apply_texture_transforms:
+            return data
+        for name, images in data.items():
+            if "depth" in images or "position" in images:
+                # One generator for each image, so that looking twice at one moment shows the same.
+                generators = [
+                    np.random.default_rng([NOISE, int(seed), int(step)])
+                    for seed, step in zip(self.memory.noise_seed, self.elapsed_steps, strict=True)
+                ]
+                data[name] = sense(images, self._sensors[name], self.sensing.sensor, generators)
+        return data
