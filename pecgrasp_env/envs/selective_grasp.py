@@ -26,14 +26,14 @@ from pecgrasp_env.envs.validation import TaskError, take_options
 from pecgrasp_env.envs.words import Words
 from pecgrasp_env.envs.wrist_camera_env import NOISE, WristCameraEnv
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.robot.pad_contact import both_press, outward
 from pecgrasp_env.scene import table as workbench
 from pecgrasp_env.scene.actors import Recipe, SceneObjects, Wish
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.scene.clutter import BIN, lay_out
 from pecgrasp_env.scene.placement import REGION, WIDE_REGION
-from pecgrasp_env.scene.visibility import box_mesh, lying_on, placed_mesh, visible_shares
 from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
+from pecgrasp_env.scene.visibility import box_mesh, lying_on, placed_mesh, visible_shares
 from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides
 from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV
 
@@ -112,12 +112,12 @@ class SelectiveGraspEnv(WristCameraEnv):
 
     ## Starting State
     `n_objects` instances are drawn, dropped in random orientations, and laid out where they came to rest, as densely
-    as `clutter` says: apart, close, touching, dropped onto each other, or dropped into a bin. The bin stands at
-    (0.5, 0), is 0.25 m wide along x, 0.35 m along y and 0.12 m high inside, its bottom and walls are 6 mm thick, and it
-    does not move. Their classes all differ while there are enough of them; one is asked for. Where there are more
-    objects than classes, others than the asked-for one come twice or more. With `same_class_twins` the asked-for class
-    is there twice, and either of the two is right. The arm hangs over the table in its home posture, the camera
-    looking at the objects, ± `joint_noise`.
+    as `clutter` says: apart, 5 … 20 mm from the nearest other ("close"), leaning against others ("touching"), dropped
+    onto each other ("piled"), or dropped into a bin ("bin"), which stands at (0.5, 0), is 0.25 m wide along x, 0.35 m
+    along y and 0.12 m high inside, its bottom and walls 6 mm thick. Their classes all differ while there are enough of
+    them; one is asked for. Where there are more objects than classes, others than the asked-for one come twice or more.
+    With `same_class_twins` the asked-for class is there twice, and either of the two is right. The arm hangs over the
+    table in its home posture, the camera looking at the objects, ± `joint_noise`.
 
     Everything is drawn by generators of the sub-environment, so that an episode depends on its seed and neither on the
     number of environments nor on what came before; where objects are drawn once only (`reconfiguration_freq`), they
@@ -138,12 +138,12 @@ class SelectiveGraspEnv(WristCameraEnv):
     Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
     slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps.
 
-    With `clear` an object may be taken away if both pads press on it while it lies on an object of the asked-for class
-    and has risen by at most 0.05 m since the start: seen from straight above, 1 cm² of it or more is above that object, or above
-    something that so lies on it. From then on it is no `wrong_object`, however high it is lifted and whatever else is
-    done with it, and no `wrong_held`; that it leaves the table still is a failure, and so is lifting any other object,
-    as one that hides the asked-for one from the camera only, or that comes up with the one that was taken. Nothing is
-    earned by it.
+    With `clear` an object may be taken away once both pads press on it while it lies on one of the asked-for class and
+    has risen by no more than 0.05 m since the start. It lies on another where, seen from straight above, 1 cm² of it or
+    more is above that one, or above something that so lies on that one. From then on it is no `wrong_object`, however
+    high it is lifted, and no `wrong_held`. That it leaves the table still is a failure, and so is lifting any other
+    object: one that only hides the asked-for one from the camera, or that comes up with one that was taken. Nothing is
+    earned by taking away.
 
     `info` says what happened, one value a sub-environment:
     | key | meaning |
@@ -154,7 +154,7 @@ class SelectiveGraspEnv(WristCameraEnv):
     | dropped | an asked-for object had been lifted and is down again: no failure, it may be picked up again |
     | disturbance_m | how far the other object that was moved most is from where it lay at the start, m |
     | target_held, wrong_held | both pads press on an object of the asked-for class, on a wrong one |
-    | visible_share | of the pixels that the asked-for object would cover alone in the wrist camera's image of the start the share that nothing hides, exact, 0 … 1; of twins that of the one that is seen better |
+    | visible_share | share of the asked-for object in the wrist camera that nothing hides at the start, exact |
     | target_distance | from the pads' centre to the nearest object of the asked-for class, m |
     | grip_force | as `extra/force`, N |
     | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
@@ -167,7 +167,7 @@ class SelectiveGraspEnv(WristCameraEnv):
     | `n_objects` | 3 | 1 … 8, piled or in a bin … 15; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
     | `classes` | None | what may lie there, in the one-hot's order; None: the LARS five, or all of a folder or source |
     | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
-    | `clutter` | "apart" | "apart"; "close": each 5 … 20 mm from another; "touching": each leans against another; "piled": dropped onto each other; "bin": dropped into the bin |
+    | `clutter` | "apart" | "apart", "close", "touching", "piled" or "bin", see Starting State |
     | `clear` | False | what lies on the asked-for object may be taken away, see Episode End |
     | `same_class_twins` | False | the asked-for class lies there twice, either is right |
     | `clearance` | 0.03 | least distance between two outlines at the start where they lie apart, m |

@@ -1,4 +1,4 @@
-"""What the task shows: the wrist camera through its sensor, lazily where that is wished, or as a cloud of fixed size."""
+"""What the task shows: the wrist camera through its sensor, lazily where wished, or as a cloud of fixed size."""
 
 from __future__ import annotations
 

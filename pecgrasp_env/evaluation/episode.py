@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -38,6 +38,8 @@ class Episode:
     objects: the instances on the table. confidence: probability of the asked-for class of the object that was chosen
     last. stages: seconds of computing, by stage, one number a call.
     disturbance_m: how far the object that was moved most, of those not asked for, was moved; None where there is none.
+    visible_share: of the asked-for object at the start, None where that was not noted. cleared: how many objects were
+    taken off it and put down. doubts: what the policy was unsure of.
     """
 
     seed: int
@@ -51,6 +53,9 @@ class Episode:
     objects: list[str]
     stages: dict[str, list[float]]
     disturbance_m: float | None = None
+    visible_share: float | None = None
+    cleared: int = 0
+    doubts: list[str] = field(default_factory=list)
 
 
 class Policy(Protocol):
@@ -101,6 +106,9 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
         objects=[model.instance for model in models],
         stages={name: [round(each, 6) for each in seconds] for name, seconds in log.stages.items()},
         disturbance_m=round(float(info["disturbance_m"]), 6) if len(models) > 1 else None,
+        visible_share=round(float(info["visible_share"]), 6),
+        cleared=log.cleared,
+        doubts=list(log.doubts),
     )
 
 

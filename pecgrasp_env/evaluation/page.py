@@ -14,7 +14,16 @@ from pecgrasp_env.evaluation.failure_images import KINDS
 from pecgrasp_env.evaluation.grid import Cell
 from pecgrasp_env.evaluation.paired_tests import ALL
 from pecgrasp_env.evaluation.summary import lifted, lifted_at_once, summarise
-from pecgrasp_env.evaluation.tables import FIRST_TRY, Evaluation, p_value, progress_of
+from pecgrasp_env.evaluation.tables import (
+    BY_VISIBLE_SHARE,
+    FIRST_TRY,
+    Evaluation,
+    hidden_cells,
+    p_value,
+    progress_of,
+    visible_head,
+    visible_row,
+)
 
 _CAPTIONS = {
     "camera": "what the wrist camera measured; what was told apart, as what; the chosen object white, the grasp red",
@@ -56,6 +65,9 @@ def render(evaluation: Evaluation, commands: Sequence[str] = ()) -> str:
         outcomes=outcomes,
         outcome_words=OUTCOME_WORDS,
         first_try=FIRST_TRY,
+        by_visible_share=BY_VISIBLE_SHARE,
+        visible_head=visible_head(),
+        visible_rows=[visible_row(cell) for cell in hidden_cells(evaluation.cells)],
         progress_of=progress_of,
         counts_of=counts_of,
         p_value=p_value,

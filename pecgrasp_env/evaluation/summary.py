@@ -27,15 +27,20 @@ def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     """Counts, shares and Wilson intervals of each outcome, in all and for each asked-for class; reasons; times [ms].
 
     `first_try` counts successes before which no try failed. `reasons` are those of giving up, `failures` those of
-    single tries; numbers in them are replaced by #.
+    single tries; numbers in them are replaced by #. `by_visible_share` has the successes by how much of the asked-for
+    object was seen at the start, "0.3" from 0.3 to below 0.4, the last one with 1.0, and `half_visible` those with at
+    least a half; None where there are no such episodes.
     """
     targets = sorted({episode.target for episode in episodes if episode.outcome != "error"})
+    seen = [episode for episode in episodes if episode.visible_share is not None]
     disturbances = [1000 * e.disturbance_m for e in episodes if e.disturbance_m is not None]
     return {
         "episodes": len(episodes),
         "outcomes": _shares(episodes),
         "first_try": share(sum(map(lifted_at_once, episodes)), len(episodes)),
         "by_class": {name: _shares([e for e in episodes if e.target == name]) for name in targets},
+        "by_visible_share": {f"0.{k}": _lifted_share([e for e in seen if _tenth(e) == k]) for k in range(10)},
+        "half_visible": _lifted_share([e for e in seen if _tenth(e) >= 5]),
         "reasons": _counts([e.reason for e in episodes if e.reason is not None]),
         "failures": _counts([text for e in episodes for text in e.failures]),
         "mean_steps": float(np.mean([e.steps for e in episodes])),
@@ -55,6 +60,14 @@ def table(summary: dict[str, Any]) -> str:
         f"{name:<14}{row['median']:>8.1f} ms  p95 {row['p95']:.1f} ms" for name, row in summary["stage_ms"].items()
     ]
     return "\n".join(lines)
+
+
+def _tenth(episode: Episode) -> int:
+    return min(int(10 * (episode.visible_share or 0.0)), 9)
+
+
+def _lifted_share(episodes: Sequence[Episode]) -> dict[str, Any] | None:
+    return {"n": len(episodes), **share(sum(map(lifted, episodes)), len(episodes))} if episodes else None
 
 
 def _shares(episodes: Sequence[Episode]) -> dict[str, Any]:

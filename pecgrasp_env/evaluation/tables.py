@@ -19,6 +19,8 @@ from pecgrasp_env.evaluation.paired_tests import ALL, Comparison, compare
 from pecgrasp_env.evaluation.summary import lifted, lifted_at_once, share, summarise
 
 FIRST_TRY = "lifted, and no try failed before"
+BY_VISIBLE_SHARE = "Lifted, by how much of the asked-for object was seen at the start"
+_WHOLE = 0.9  # seen so far, an object counts as whole
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,8 @@ def markdown(evaluation: Evaluation) -> str:
     parts = [f"# {evaluation.title}", "", *_success(evaluation, "right object lifted", lifted)]
     parts += ["", *_success(evaluation, "at the first try", lifted_at_once)]
     parts += ["", "## What happened", "", *_outcomes(evaluation.cells)]
+    if hidden := hidden_cells(evaluation.cells):
+        parts += ["", f"## {BY_VISIBLE_SHARE}", "", *_by_visible_share(hidden)]
     if evaluation.comparisons:
         parts += ["", "## Planners on the same scenes", "", *_comparisons(evaluation.comparisons, "lifted it")]
         parts += ["", *_comparisons(evaluation.first_try_comparisons, "at the first try")]
@@ -169,6 +173,31 @@ def _outcomes(cells: Sequence[Cell]) -> list[str]:
             fields += ["–"] * (len(OUTCOMES) + 3)
         lines.append(_row(fields))
     return lines
+
+
+def hidden_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Those in which something hid a part of an asked-for object at the start."""
+    return [
+        cell for cell in cells if any(e.visible_share is not None and e.visible_share < _WHOLE for e in cell.episodes)
+    ]
+
+
+def visible_head() -> list[str]:
+    """The columns of `visible_row`."""
+    return ["scene", "planner", *(f"{k / 10:.1f} … {(k + 1) / 10:.1f}" for k in range(10)), "at least a half"]
+
+
+def visible_row(cell: Cell) -> list[str]:
+    """A cell's successes by how much of the asked-for object was seen: "7 of 9", and at last with its interval."""
+    summary = summarise(cell.episodes)
+    tenths = [f"{each['count']} of {each['n']}" if each else "–" for each in summary["by_visible_share"].values()]
+    half = summary["half_visible"]
+    counted = f"{share_of(half)}, n = {half['n']}" if half else "–"
+    return [cell.scene.replace("_", " "), cell.planner, *tenths, counted]
+
+
+def _by_visible_share(cells: Sequence[Cell]) -> list[str]:
+    return [*_head(visible_head()), *(_row(visible_row(cell)) for cell in cells)]
 
 
 def progress_of(cell: Cell) -> str:
@@ -233,7 +262,8 @@ def as_csv(cells: Sequence[Cell]) -> str:
     text = io.StringIO()
     shares = [f"{name}{suffix}" for name in (*OUTCOMES, "first_try") for suffix in ("", "_low", "_high")]
     names = ["scene", "planner", "episodes", "wanted", *shares]
-    names += ["disturbance_median_mm", "disturbance_p95_mm", "mean_steps", "stage_ms", "error", "settings"]
+    names += ["disturbance_median_mm", "disturbance_p95_mm", "mean_steps", "stage_ms", "by_visible_share"]
+    names += ["error", "settings"]
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     for cell in cells:
@@ -246,6 +276,7 @@ def as_csv(cells: Sequence[Cell]) -> str:
             moved = summary["disturbance_mm"] or {}
             line |= {"disturbance_median_mm": moved.get("median"), "disturbance_p95_mm": moved.get("p95")}
             line |= {"mean_steps": summary["mean_steps"], "stage_ms": json.dumps(summary["stage_ms"])}
+            line["by_visible_share"] = json.dumps(summary["by_visible_share"])
         writer.writerow(line)
     return text.getvalue()
 

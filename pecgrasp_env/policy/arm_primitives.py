@@ -28,6 +28,8 @@ _SETTLED_RAD = 0.003  # 1.5 mm at the tips at most
 # Following a path of half speed the arm lags by 0.015 rad and the opening by less than 0.1 mm.
 _LED_STEPS = 1.5  # the arm lags by about half a step behind what it is sent
 _BLOCKED_RAD = 0.03
+_LOWERING_SPEED = 0.3  # at which the arm lags by 0.01 rad by itself
+_RESISTED_RAD = 0.02
 _BLOCKED_OPENING_M = 0.0015
 _LONGEST_SETTLING_STEPS = 15
 
@@ -96,10 +98,18 @@ class ArmSteps:
                 break
         return observation
 
-    def let_go(self, observation: RobotObservation) -> Steps:
-        """Open where the hand is."""
+    def lower(self, waypoints: np.ndarray, observation: RobotObservation) -> Steps:
+        """Follow joint waypoints (K, 6) down with what is held, until it touches something or the arm is there."""
+        for q in time_law(waypoints, self._control_dt, _LOWERING_SPEED):
+            observation = yield self._action(q, 0.0)
+            if np.abs(observation.q - self.command[:6]).max() > _RESISTED_RAD:
+                return (yield self._action(observation.q, 0.0))
+        return observation
+
+    def let_go(self, observation: RobotObservation, opening: float = ROBOTIQ_2F_140.stroke) -> Steps:
+        """Open where the hand is, up to an opening (m)."""
         for _ in range(_OPENING_STEPS):
-            observation = yield self._action(self.command[:6], ROBOTIQ_2F_140.stroke)
+            observation = yield self._action(self.command[:6], opening)
         return observation
 
     def rise(self, observation: RobotObservation) -> Steps:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from pecgrasp_env.sensor.intrinsics import deproject
 _GRIPPER_MARGIN_M = 0.015
 _PLACE_CELL_M = 0.01  # in which an object's place on the table is compared
 _ABOVE_TABLE_M = 0.006
+_SUNK_M = 0.008  # more than an object that a hand has touched but not taken
 
 
 @dataclass(frozen=True)
@@ -25,10 +27,18 @@ class View:
     plane: the table (4,) as n · p + d = 0, or None. obstacles: (K, 3) of what is no object but could be hit.
     """
 
+    observation: RobotObservation
+
     objects: list[SeenObject]
     clouds: list[np.ndarray]
     plane: np.ndarray | None
     obstacles: np.ndarray
+
+    @cached_property
+    def surface(self) -> np.ndarray:
+        """(N, 3) of all that the frame shows, but the gripper."""
+        cloud = _without_gripper(self.observation).reshape(-1, 3)
+        return _moved(self.observation.T_base_camera, cloud[np.isfinite(cloud[:, 2])])
 
 
 def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
@@ -55,20 +65,39 @@ def segment_frame(observation: RobotObservation, segmenter: Segmenter) -> Scene:
     return segmenter.segment(deproject(*observation.frame), up=up, robot=observation.robot)
 
 
+def _without_gripper(observation: RobotObservation) -> np.ndarray:
+    """(H, W, 3) in the camera frame, NaN where nothing was measured, or the gripper and what it holds."""
+    cloud = deproject(*observation.frame)
+    if observation.knows_gripper:
+        cloud[gripper_mask(cloud, observation.opening)] = np.nan
+    return cloud
+
+
 def look(observation: RobotObservation, segmenter: Segmenter) -> View:
     """The objects in one depth frame, the table under them, and what else could be hit."""
     scene = segment_frame(observation, segmenter)
     T = observation.T_base_camera
     objects = [
-        SeenObject(_moved(T, points), bool(border), viewpoints=T[None, :3, 3], unseen=_moved(T, unseen))
-        for points, border, unseen in zip(scene.objects, scene.touches_border, scene.unseen, strict=True)
+        SeenObject(_moved(T, points), bool(border), [], T[None, :3, 3], _moved(T, unseen), certainty)
+        for points, border, unseen, certainty in zip(
+            scene.objects, scene.touches_border, scene.unseen, _certainties(scene), strict=True
+        )
     ]
     plane = None
     if scene.plane is not None:
         normal = T[:3, :3] @ scene.plane[:3]
         plane = np.append(normal, scene.plane[3] - normal @ T[:3, 3])
     obstacles = np.concatenate([np.zeros((0, 3)), *(_moved(T, points) for points in scene.obstacles)])
-    return View(objects, list(scene.objects), plane, obstacles)
+    return View(observation, objects, list(scene.objects), plane, obstacles)
+
+
+def _certainties(scene: Scene) -> list[float]:
+    """How sure it is of each object that it is one, and no part or sum of some; 1 where the segmenter does not say."""
+    certainties = list(scene.confidence) or [1.0] * len(scene.objects)
+    for cut in scene.cuts:
+        for k in (cut.first, cut.second):
+            certainties[k] = min(certainties[k], cut.sure)
+    return certainties
 
 
 def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -76,24 +105,26 @@ def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def still_there(seen: SeenObject, observation: RobotObservation, plane: np.ndarray | None) -> bool:
-    """Whether an object stands where it was seen before: most of its place, as far as it is in sight now, is covered
-    by something no higher than it.
+    """Whether an object lies where it was seen before: most of its place, as far as it is in sight now, is covered by
+    something no higher than it, and nearly as high.
     """
     normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
-    cloud = deproject(*observation.frame)
-    T = observation.T_base_camera
-    valid = np.isfinite(cloud[..., 2])
-    if observation.knows_gripper:
-        valid &= ~gripper_mask(cloud, observation.opening)
-    now = _moved(T, cloud[valid])
-    height = now @ normal + offset
-    top = float((seen.points @ normal + offset).max())
-    in_sight = height < top + _PLACE_CELL_M
+    cloud = _without_gripper(observation)
+    now = _moved(observation.T_base_camera, cloud[np.isfinite(cloud[..., 2])])
+    height, height_then = now @ normal + offset, seen.points @ normal + offset
+    in_sight = height < height_then.max() + _PLACE_CELL_M
 
-    def cells(points: np.ndarray) -> np.ndarray:
-        return np.unique(np.floor(points[:, :2] / _PLACE_CELL_M).astype(np.int64) @ [1_000_003, 1])
+    def tops(points: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The cells of the table over which points are, as numbers, and how high they reach there."""
+        cells = np.floor(points[:, :2] / _PLACE_CELL_M).astype(np.int64) @ [1_000_003, 1]
+        place, index = np.unique(cells, return_inverse=True)
+        top = np.full(len(place), -np.inf)
+        np.maximum.at(top, index.reshape(-1), heights)
+        return place, top
 
-    place = cells(seen.points)
-    visible = np.isin(place, cells(now[in_sight]))
-    covered = np.isin(place, cells(now[in_sight & (height > _ABOVE_TABLE_M)]))
-    return bool(visible.sum() > 0.3 * len(place) and covered.sum() > 0.6 * visible.sum())
+    place, top_then = tops(seen.points, height_then)
+    place_now, top_now = tops(now[in_sight], height[in_sight])
+    _, then, at_present = np.intersect1d(place, place_now, return_indices=True)
+    # What lay on another object leaves that one's surface in its place.
+    covered = top_now[at_present] > np.maximum(_ABOVE_TABLE_M, top_then[then] - _SUNK_M)
+    return bool(len(then) > 0.3 * len(place) and covered.sum() > 0.6 * len(then))

@@ -10,6 +10,7 @@ import numpy as np
 from grasping import GraspPlan, Segmenter
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
+from pecgrasp_env.policy.crowd import floor_below, lying_on, topmost_on
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look
@@ -21,13 +22,15 @@ NOT_FOUND = "not found"
 
 _SURE = 0.9  # probability from which one look is enough
 _DOUBT = 0.3  # of a second object, from which one look is not enough
+_CERTAIN = 0.7  # that an object is one, below which it is looked at again
+_HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
 
 
 class PickPlanner:
     """Decides what to pick up and how; nothing moves.
 
     Args:
-        classifier, planner, segmenter, min_confidence: as `ScriptedPolicy` takes them.
+        classifier, planner, segmenter, min_confidence, clear: as `ScriptedPolicy` takes them.
         target: the class that is asked for.
         log: takes the stages' times and what was seen, chosen and planned.
     """
@@ -38,6 +41,7 @@ class PickPlanner:
         planner: Any,
         segmenter: Segmenter,
         min_confidence: float,
+        clear: bool,
         target: str,
         log: PolicyLog,
     ) -> None:
@@ -45,6 +49,7 @@ class PickPlanner:
         self._planner = planner
         self._segmenter = segmenter
         self._min_confidence = min_confidence
+        self._clear = clear
         self._target = target
         self._log = log
 
@@ -82,13 +87,28 @@ class PickPlanner:
         return index if self._log.confidence >= self._min_confidence else None
 
     def is_sure(self, objects: list[SeenObject]) -> bool:
-        """Whether one look is enough: the object is likely, and no other could be it."""
+        """Whether one look is enough: the object is likely, whole, and no other could be it."""
         index = self.likeliest(objects)
+        if index is None or self.doubt(objects) is not None:
+            return False
         if self._classifier is None:
-            return index is not None
+            return True
         probabilities = [seen.probabilities().get(self._target, 0.0) for seen in objects if seen.evidence]
         likely = self._log.confidence >= max(_SURE, self._min_confidence)
         return likely and sum(p > _DOUBT for p in probabilities) == 1
+
+    def doubt(self, objects: list[SeenObject]) -> str | None:
+        """Why another view of the likeliest object might show it otherwise, or None."""
+        index = self.likeliest(objects)
+        if index is None:
+            return None
+        certainty = objects[index].certainty
+        if certainty < _CERTAIN:
+            return f"whether the {self._target} is one object is unsure ({certainty:.2f})"
+        hidden = sum(lying_on(objects, index).values())
+        if hidden > _HIDDEN and not self._clear:
+            return f"something hides about {hidden:.0%} of the {self._target}"
+        return None
 
     def decide(self, objects: list[SeenObject], view: View, q: np.ndarray | None) -> PlannedPick:
         """Which object to pick up, with which grasp and, from joint angles q (6,) rad, along which joint paths.
@@ -96,16 +116,20 @@ class PickPlanner:
         view: the last look at the objects. Where there is no object, grasp or path, the result's `reason` says why.
         """
         chosen = self.choose(objects)
-        nothing = PlannedPick(objects, chosen, None, None, self._log.confidence, NOT_FOUND)
+        upper = topmost_on(objects, chosen) if self._clear and chosen is not None else None
+        chosen = chosen if upper is None else upper
+        clears = upper is not None
+        nothing = PlannedPick(objects, chosen, None, None, self._log.confidence, NOT_FOUND, clears=clears)
         if chosen is None:
             return nothing
         points = objects[chosen].points
         others = np.concatenate([view.obstacles, *(seen.points for k, seen in enumerate(objects) if k != chosen)])
+        plane = floor_below(points, view.surface, view.plane)
         with self._log.timed("plan grasp"):
             plan: GraspPlan = self._planner.plan(
                 points,
                 up=UP,
-                table=view.plane,
+                table=plane,
                 obstacles=others,
                 viewpoint=objects[chosen].viewpoints if len(objects[chosen].viewpoints) else None,
                 unseen=objects[chosen].unseen,
@@ -116,11 +140,11 @@ class PickPlanner:
             return replace(planned, reason=f"no grasp: {plan.reason}")
         with self._log.timed("plan motion"):
             if q is None:
-                T_base_grasp, T_base_tool0, opening = grasp_to_carry_out(plan.best, view.plane)
+                T_base_grasp, T_base_tool0, opening = grasp_to_carry_out(plan.best, plane)
                 approach, width = None, plan.best.width
             else:
                 try:
-                    approach = plan_approach(plan, points, others, view.plane, q)
+                    approach = plan_approach(plan, points, others, plane, q)
                 except MotionError as error:
                     return replace(planned, reason=f"no motion: {error}")
                 T_base_grasp, T_base_tool0 = approach.T_base_grasp, approach.T_base_tool0

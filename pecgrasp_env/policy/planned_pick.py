@@ -15,9 +15,10 @@ from pecgrasp_env.policy.seen_objects import SeenObject
 class PlannedPick:
     """What to pick up and how. All poses in the robot's base frame, metres, (4, 4) float64.
 
-    objects: what was seen, with the class probabilities of each. chosen: index of the asked-for one, or None. plan: its
-    grasps. approach: joint paths of a UR5 with this project's gripper, where its joint angles were given. confidence:
-    that the chosen object is of the asked-for class. reason: why there is no grasp or no path, or None.
+    objects: what was seen, with the class probabilities of each. chosen: index of the one to pick up, or None. clears:
+    that it is not the asked-for one but lies on it, and has to be put down beside first. plan: its grasps. approach:
+    joint paths of a UR5 with this project's gripper, where its joint angles were given. confidence: that the asked-for
+    object is of its class. reason: why there is no grasp or no path, or None.
     T_base_grasp: pads' centre, z the approach, x the closing direction, the fingertips clear of the table.
     T_base_tool0: the flange there at contact; at another opening the pads are there where the flange is
     `pad_depth(width) - pad_depth(opening)` in front of it, so draw it back while the hand closes. width, opening: m, at
@@ -34,3 +35,4 @@ class PlannedPick:
     T_base_tool0: np.ndarray | None = None
     width: float | None = None
     opening: float | None = None
+    clears: bool = False

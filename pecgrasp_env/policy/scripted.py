@@ -24,8 +24,10 @@ from pecgrasp_env.policy.observation import RobotObservation, observation_of_fra
 from pecgrasp_env.policy.perception import View, still_there
 from pecgrasp_env.policy.pick_planner import PickPlanner
 from pecgrasp_env.policy.planned_pick import PlannedPick
+from pecgrasp_env.policy.put_down import plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject
-from pecgrasp_env.policy.viewpoints import look_postures, posture_above
+from pecgrasp_env.policy.viewpoints import look_postures, posture_above, posture_beside
+from pecgrasp_env.robot.kinematics import UP
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 _WAITING_FORCE_N = 60.0  # of a gripper that holds nothing
@@ -34,6 +36,7 @@ _LIFT_SPEED = 0.6
 _EMPTY_OPENING_M = 0.002  # the thinnest thing that counts as held
 _LEAST_FORCE_N = 2.0  # between the pads; the grip's own limit is never below 10 N
 _LOST_SHARE = 0.5  # of the opening with which it was first held
+_MOST_CLEARED = 8
 _TOO_WIDE_M = 0.020  # beyond the planned width: there is something else between the pads
 
 
@@ -48,6 +51,7 @@ class ScriptedPolicy:
         control_dt: seconds between two calls of `act`.
         min_confidence: probability of the asked-for class below which an object is not touched.
         attempts: how many times to try before giving up.
+        clear: take away what lies on the asked-for object and put it down on the free table, first.
     """
 
     def __init__(
@@ -59,6 +63,7 @@ class ScriptedPolicy:
         control_dt: float = 0.05,
         min_confidence: float = 0.6,
         attempts: int = 3,
+        clear: bool = False,
     ) -> None:
         if not 0 < min_confidence <= 1:
             raise ValueError(f"min_confidence={min_confidence}: must be in (0, 1]")
@@ -70,6 +75,7 @@ class ScriptedPolicy:
         self.control_dt = control_dt
         self.min_confidence = min_confidence
         self.attempts = attempts
+        self.clear = clear
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
@@ -139,51 +145,102 @@ class ScriptedPolicy:
         return pick_planner.decide(objects, view, None if q is None else observation.q)
 
     def _pick_planner(self, target: str) -> PickPlanner:
-        return PickPlanner(self.classifier, self.planner, self.segmenter, self.min_confidence, target, self.log)
+        return PickPlanner(
+            self.classifier, self.planner, self.segmenter, self.min_confidence, self.clear, target, self.log
+        )
 
     def _episode(self, pick_planner: PickPlanner, arm: ArmSteps, observation: RobotObservation) -> Steps:
-        for attempt in range(self.attempts):
-            objects, view, observation = yield from self._survey(pick_planner, arm, observation, attempt)
-            pick = pick_planner.decide(objects, view, observation.q)
+        objects: list[SeenObject] = []
+        while len(self.log.failures) < self.attempts and self.log.cleared <= _MOST_CLEARED:
+            objects, views, observation = yield from self._survey(pick_planner, arm, observation, objects)
+            pick = pick_planner.decide(objects, views[-1], observation.q)
             if pick.approach is None or pick.chosen is None:
                 self.log.failures.append(str(pick.reason))
+                objects = [] if pick.chosen is None else objects
                 continue
-            approach = pick.approach
+            approach, taken = pick.approach, objects[pick.chosen]
+            objects = []  # what is touched may move
             self.log.grasp = approach.grasp
             slipped = any(failure.startswith("lost") for failure in self.log.failures)
-            arm.force = grip_force(objects[pick.chosen].points, view.plane, slipped)
+            arm.force = grip_force(taken.points, views[-1].plane, slipped)
             failure, lift, observation = yield from self._pick(arm, approach, observation)
-            if failure is None and still_there(objects[pick.chosen], observation, view.plane):
+            if failure is None and still_there(taken, observation, views[-1].plane):
                 failure = "it is still on the table"
                 observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
-            if failure is None:
+            if failure is None and not pick.clears:
                 self.log.lifted = True
                 self.log.doing = "holding it"
                 return
+            if failure is None:
+                failure, observation = yield from self._put_down(arm, taken, lift, views, observation)
+            if failure is None:
+                continue
             self.log.failures.append(failure)
             self.log.doing = "letting go"
             observation = yield from arm.let_go(observation)
             observation = yield from arm.rise(observation)
-        self.log.reason = self.log.failures[-1]
+        many = f"{self.log.cleared} objects taken away, and there are more"
+        self.log.reason = many if self.log.cleared > _MOST_CLEARED else self.log.failures[-1]
         self.log.doing = f"gave up: {self.log.reason}"
 
-    def _survey(self, pick_planner: PickPlanner, arm: ArmSteps, observation: RobotObservation, attempt: int) -> Steps:
-        """Look from one posture after another until an object of the asked-for class stands out, or none are left."""
-        objects: list[SeenObject] = []
-        view: View | None = None
+    def _survey(
+        self, pick_planner: PickPlanner, arm: ArmSteps, observation: RobotObservation, objects: list[SeenObject]
+    ) -> Steps:
+        """Look from one posture after another until an object of the asked-for class stands out, or none are left.
+
+        objects: seen before, and not touched since. Returns the objects, the views, and the last observation.
+        """
+        views: list[View] = []
         postures = look_postures()
         for k in range(len(postures)):
-            q = postures[(attempt + k) % len(postures)]
-            likeliest = pick_planner.likeliest(objects)
-            if k > 0 and likeliest is not None:  # from straight above, nothing hides behind its neighbours
-                q = posture_above(objects[likeliest].centroid, k)
+            q = self._next_posture(pick_planner, objects, k)
             self.log.doing = f"looking, view {self.log.views + 1}"
-            path = self._path(objects, view, observation.q, q)
+            path = self._path(objects, views[-1] if views else None, observation.q, q)
             observation = yield from arm.go(path, observation, opening=ROBOTIQ_2F_140.stroke)
             objects, view = pick_planner.look(observation, objects)
-            if pick_planner.is_sure(objects) or (k > 0 and pick_planner.choose(objects) is not None):
-                break
-        return objects, view, observation
+            views.append(view)
+            found = k > 0 and pick_planner.choose(objects) is not None and pick_planner.doubt(objects) is None
+            if pick_planner.is_sure(objects) or found:
+                return objects, views, observation
+        if (doubt := pick_planner.doubt(objects)) is not None:
+            self.log.doubts.append(f"after {len(views)} views: {doubt}")
+        return objects, views, observation
+
+    def _next_posture(self, pick_planner: PickPlanner, objects: list[SeenObject], k: int) -> np.ndarray:
+        """From where to look for the k-th time in a survey."""
+        likeliest = pick_planner.likeliest(objects) if k > 0 else None
+        if likeliest is not None and k > 1 and pick_planner.doubt(objects) is not None:
+            # Past its neighbours: from the side on which the fewest are, then from either side of that.
+            place = objects[likeliest].centroid
+            away = sum((place - each.centroid)[:2] for each in objects if each is not objects[likeliest])
+            turn = np.deg2rad(90.0) * (k - 2)
+            c, s = np.cos(turn), np.sin(turn)
+            q = posture_beside(place, np.array([[c, -s], [s, c]]) @ away)
+            if q is not None:
+                return q
+        if likeliest is not None:  # from straight above, nothing hides behind its neighbours
+            return posture_above(objects[likeliest].centroid, k)
+        postures = look_postures()
+        return postures[(len(self.log.failures) + k) % len(postures)]
+
+    def _put_down(
+        self, arm: ArmSteps, held: SeenObject, lift: np.ndarray, views: list[View], observation: RobotObservation
+    ) -> Steps:
+        """Carry what is held to the free table and let go. Returns why that failed, or None, and the observation."""
+        self.log.doing = "putting it down beside"
+        plane = np.append(UP, 0.0) if views[-1].plane is None else views[-1].plane
+        seen = np.concatenate([view.surface for view in views])
+        try:
+            way = plan_put_down(held.points, lift[0], observation.q, observation.opening, seen, plane)
+        except MotionError as error:
+            observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
+            return f"no place to put down what lies on it: {error}", observation
+        observation = yield from arm.go(way.over, observation, opening=0.0, speed=_LIFT_SPEED)
+        observation = yield from arm.lower(way.down, observation)
+        observation = yield from arm.let_go(observation, way.opening)
+        observation = yield from arm.rise(observation)
+        self.log.cleared += 1
+        return None, observation
 
     @staticmethod
     def _path(objects: list[SeenObject], view: View | None, q_start: np.ndarray, q_goal: np.ndarray) -> np.ndarray:

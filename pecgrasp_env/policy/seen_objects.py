@@ -7,9 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 OTHER = "something else"  # what a classifier that names one class leaves to all others
-_SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two objects do
+_SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two apart do
+_SAME_PLACE_M = 0.010  # noise, and what of a surface one view saw and the other did not
+_COMPARED = 400  # points of an object
+_PARTLY, _MOSTLY = 0.3, 0.6  # of an object
 
 
 @dataclass
@@ -17,7 +21,8 @@ class SeenObject:
     """An object on the table, in the base frame, m.
 
     points: (M, 3). evidence: for each view the probability of each class. viewpoints: (V, 3) where the camera stood.
-    unseen: (U, 3) far ends of lines of sight from the last of them on which nothing was measured.
+    unseen: (U, 3) far ends of lines of sight from the last of them on which nothing was measured. certainty: how sure
+    the segmenter is, in [0, 1], that it is one whole object; of several views the surest.
     """
 
     points: np.ndarray
@@ -25,6 +30,7 @@ class SeenObject:
     evidence: list[dict[str, float]] = field(default_factory=list)
     viewpoints: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
     unseen: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    certainty: float = 1.0
 
     @property
     def centroid(self) -> np.ndarray:
@@ -39,19 +45,54 @@ class SeenObject:
 
 
 def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
-    """Objects of a new view joined with those already known: the same place is the same object; its points add up."""
-    result = list(known)
-    for new in seen:
-        near = [old for old in known if np.linalg.norm((old.centroid - new.centroid)[:2]) < _SAME_OBJECT_M]
-        if not near:
-            result.append(new)
-            continue
-        old = min(near, key=lambda candidate: float(np.linalg.norm((candidate.centroid - new.centroid)[:2])))
+    """Objects of a new view joined with those already known: the same place is the same object; its points add up.
+
+    Where one view tells apart what is one object in the other, the surer view is right, and of equals that which tells
+    apart.
+    """
+    shares = np.array([[_shared(old, new) for new in seen] for old in known]).reshape(len(known), len(seen), 2)
+    of_old, of_new = shares[..., 0], shares[..., 1]
+    left_out_old, left_out_new = np.zeros(len(known), bool), np.zeros(len(seen), bool)
+    for i in range(len(known)):
+        pieces = np.flatnonzero(of_new[i] > _MOSTLY)
+        if len(pieces) > 1:
+            if known[i].certainty > max(seen[j].certainty for j in pieces):
+                left_out_new[pieces] = True
+            else:
+                left_out_old[i] = True
+    for j in range(len(seen)):
+        pieces = np.flatnonzero((of_old[:, j] > _MOSTLY) & ~left_out_old)
+        if len(pieces) > 1 and not left_out_new[j]:
+            if seen[j].certainty > max(known[i].certainty for i in pieces):
+                left_out_old[pieces] = True
+            else:
+                left_out_new[j] = True
+    near = [[np.linalg.norm((old.centroid - new.centroid)[:2]) < _SAME_OBJECT_M for new in seen] for old in known]
+    # What covers the same place first, then what only has its middle there, as two sides of one object do.
+    score = np.maximum(of_old, of_new)
+    score = np.where(score > _PARTLY, 1.0 + score, np.array(near, float).reshape(score.shape))
+    score[left_out_old] = score[:, left_out_new] = 0.0
+    result = [old for old, left_out in zip(known, left_out_old, strict=True) if not left_out]
+    joined = left_out_new.copy()
+    while score.size and score.max() > 0:
+        i, j = np.unravel_index(int(score.argmax()), score.shape)
+        score[i], score[:, j], joined[j] = 0.0, 0.0, True
+        old, new = known[i], seen[j]
         old.points = np.concatenate([old.points, new.points])
         old.touches_border = old.touches_border and new.touches_border
         old.evidence += new.evidence
         old.viewpoints, old.unseen = np.concatenate([old.viewpoints, new.viewpoints]), new.unseen
-    return result
+        old.certainty = max(old.certainty, new.certainty)
+    return result + [new for new, gone in zip(seen, joined, strict=True) if not gone]
+
+
+def _shared(one: SeenObject, other: SeenObject) -> tuple[float, float]:
+    """The share of each one's points that lie within _SAME_PLACE_M of the other's."""
+    a, b = (each.points[:: max(1, len(each.points) // _COMPARED)] for each in (one, other))
+    if (a.min(axis=0) > b.max(axis=0) + _SAME_PLACE_M).any() or (b.min(axis=0) > a.max(axis=0) + _SAME_PLACE_M).any():
+        return 0.0, 0.0
+    shares = [cKDTree(q).query(p, distance_upper_bound=_SAME_PLACE_M)[0] for p, q in ((a, b), (b, a))]
+    return tuple(float(np.isfinite(each).mean()) for each in shares)  # type: ignore[return-value]
 
 
 def class_probabilities(classifier: Any, clouds: Sequence[np.ndarray]) -> list[dict[str, float]]:

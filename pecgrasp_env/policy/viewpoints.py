@@ -15,6 +15,8 @@ _TARGET = (0.50, 0.0, 0.02)
 _HEIGHT = 0.42  # m of the camera above the table where one object is looked at from straight above
 _EYES = ((0.50, 0.0, 0.55), (0.38, 0.18, 0.48), (0.38, -0.18, 0.48), (0.30, 0.0, 0.45))
 N_VIEWPOINTS = len(_EYES)
+_TILT = np.deg2rad(30)
+_TURNS = np.deg2rad([0, 40, -40, 80, -80])
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> np.ndarray:
@@ -42,6 +44,21 @@ def look_postures() -> tuple[np.ndarray, ...]:
             raise ValueError(f"the camera cannot be brought to {eye}")
         postures.append(solutions[0])
     return tuple(postures)
+
+
+def posture_beside(place: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+    """Joint angles (6,) from which the camera looks at a place (3,), base frame, m, tilted, from a side (2,) or as near
+    to that side as the arm can; None where it cannot.
+    """
+    heading = float(np.arctan2(direction[1], direction[0]))
+    for turned in _TURNS:
+        x, y = _HEIGHT * np.sin(_TILT) * np.array([np.cos(heading + turned), np.sin(heading + turned)])
+        eye = (float(place[0] + x), float(place[1] + y), float(place[2] + _HEIGHT * np.cos(_TILT)))
+        T = look_at(eye, (float(place[0]), float(place[1]), float(place[2])))
+        solutions = solutions_near(T @ np.linalg.inv(T_TOOL0_CAMERA), HOME, HOME)
+        if len(solutions):
+            return solutions[0]
+    return None
 
 
 def posture_above(place: np.ndarray, turn: int) -> np.ndarray:

@@ -31,8 +31,7 @@ def lay_out(
     clutter: str = "apart",
     clearance: float = 0.03,
 ) -> np.ndarray:
-    """Poses (n, 7), world frame, in which the objects rest inside the region, by ``clutter`` on z = 0, on each other, or
-    in the bin.
+    """Poses (n, 7), world frame, in which the objects rest inside the region on z = 0 or on each other, or in the bin.
 
     Each object falls in a random orientation, so it may lie on any face it can lie on. By ``clutter``, it falls alone,
     and then they are

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -50,6 +50,7 @@ def resolved(*overrides):
         (["checkpoint=x"], "3 objects, ideal", 3),
         (["checkpoint=x", "env.n_objects=5", "env.clutter=close", "env.sensor=d435"], "5 objects, d435", 5),
         (["checkpoint=x", "experiment=selective"], "3 apart", 3),
+        (["checkpoint=x", "experiment=crowded", "crowd=bin"], "12 bin", 12),
         (["experiment=table_5_2", "object=wire_cutter"], "wire_cutter", 1),
     ],
 )
@@ -70,6 +71,13 @@ def test_the_hardest_cell_makes_an_environment():
     assert env.unwrapped.layout.n_objects == 8
     assert env.unwrapped.layout.clutter == "close"
     env.close()
+
+
+def test_only_in_the_bin_is_something_taken_away():
+    for crowd, clear in (("touching", False), ("piled", False), ("bin", True)):
+        settings = resolved("checkpoint=x", "experiment=crowded", f"crowd={crowd}")[1]
+        assert settings["env"]["clutter"] == crowd
+        assert (settings["env"]["clear"], settings["policy"]["clear"]) == (clear, clear)
 
 
 def test_the_grids_are_those_of_the_tables():
@@ -150,6 +158,28 @@ def test_the_table_says_what_the_cells_hold(grid):
     assert "- can, centroid, gave up: empty × 10" in text
     assert "closed on nothing × 10" in text
     assert text.endswith("So.\n")
+
+
+def test_successes_are_counted_by_how_much_was_seen(tmp_path):
+    cell(tmp_path, "whole", "default", [0, 6], visible_share=0.95)
+    assert "by how much" not in markdown(read_evaluation(tmp_path, TABLE))
+    hidden = cell(tmp_path, "piled", "default", [0] * 8 + [6] * 3)
+    shares = [0.0, 0.05, 0.1, 0.2999, 0.5, 0.55, 0.99, 1.0, 0.0999, 0.5, 0.95]
+    noted = [replace(each, visible_share=share) for each, share in zip(hidden.episodes, shares, strict=True)]
+    (hidden.folder / "episodes.jsonl").write_text("".join(json.dumps(asdict(each)) + "\n" for each in noted))
+    write_evaluation(tmp_path, TABLE, ["python"])
+    row = "2 of 3 | 1 of 1 | 1 of 1 | – | – | 2 of 3 | – | – | – | 2 of 3 | 66.7 (30.0–90.3), n = 6"
+    assert f"| piled | default | {row} |" in (tmp_path / "table.md").read_text()
+    assert all(text in (tmp_path / "report.html").read_text() for text in ("0.5 … 0.6", "66.7 (30.0–90.3), n = 6"))
+    results = json.loads((tmp_path / "results.json").read_text())["cells"]
+    piled = next(each for each in results if each["scene"] == "piled")
+    assert piled["half_visible"]["count"] == 4
+    assert piled["by_visible_share"]["0.0"] | {"interval": None} == {
+        "n": 3,
+        "count": 2,
+        "share": 2 / 3,
+        "interval": None,
+    }
 
 
 def test_csv_and_results_have_a_row_a_cell(grid):

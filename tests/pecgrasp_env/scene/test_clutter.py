@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pecgrasp_env.objects import Catalogue, make_object
-from pecgrasp_env.scene.clutter import CLOSE_GAP_M, lay_out
-from pecgrasp_env.scene.clutter import MOST_OBJECTS
+from pecgrasp_env.scene.clutter import CLOSE_GAP_M, MOST_OBJECTS, lay_out
 from pecgrasp_env.scene.draw_objects import askable, draw_classes, draw_instances
 from pecgrasp_env.scene.placement import PlacementError, Region, outline_of, separation
 from pecgrasp_env.scene.settling import push_together, settle

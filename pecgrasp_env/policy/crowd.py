@@ -1,0 +1,85 @@
+"""Among many objects: which lies on which, as far as was seen, and on what an object lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from pecgrasp_env.policy.seen_objects import SeenObject
+from pecgrasp_env.robot.kinematics import UP
+
+_CELL_M = 0.005
+_HIGHER_M = 0.008  # than the seen edge of what lies below it
+_LEAST_OVERLAP_M2 = 2e-4  # twice what the task asks for: outlines of half-seen things are rough
+_AROUND_M = 0.05
+_THICKEST_FLOOR_M = 0.015
+_NO_FLOOR_M = 0.002  # a table is measured better than that
+_LEAST_FLOOR = 50  # points
+
+
+def lying_on(objects: Sequence[SeenObject], lower: int) -> dict[int, float]:
+    """The objects that lie on objects[lower], each with the share of its outline (convex, seen from above) that it
+    covers.
+    """
+    outline = _outline(objects[lower].points)
+    if outline is None:
+        return {}
+    edge = cKDTree(objects[lower].points[:, :2])
+    heights = objects[lower].points[:, 2]
+    found = {}
+    for k, seen in enumerate(objects):
+        if k == lower:
+            continue
+        cells, tops = _cells(seen.points)
+        inside = (cells @ outline[:, :2].T + outline[:, 2] <= 0).all(axis=1)
+        if not inside.any():
+            continue
+        # The nearest of what is seen of the lower one ends where it is covered.
+        _, nearest = edge.query(cells[inside])
+        over = np.count_nonzero(tops[inside] > heights[nearest] + _HIGHER_M) * _CELL_M**2
+        if over >= _LEAST_OVERLAP_M2:
+            found[k] = min(1.0, over / ConvexHull(objects[lower].points[:, :2]).volume)
+    return found
+
+
+def topmost_on(objects: Sequence[SeenObject], lower: int) -> int | None:
+    """What has to be taken away first where something lies on objects[lower]: that on which nothing lies."""
+    on_the_way = {lower}
+    while upper := {k: share for k, share in lying_on(objects, lower).items() if k not in on_the_way}:
+        lower = max(upper, key=lambda k: upper[k])
+        on_the_way.add(lower)
+    return lower if len(on_the_way) > 1 else None
+
+
+def floor_below(points: np.ndarray, around: np.ndarray, plane: np.ndarray | None) -> np.ndarray | None:
+    """The plane (4,) on which an object (M, 3) lies: the table's, or one just above it, as the bottom of a bin is.
+
+    around: (K, 3) of all that was seen.
+    """
+    normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
+    height = around @ normal + offset
+    near = np.abs(height) < _THICKEST_FLOOR_M
+    low, high = points[:, :2].min(axis=0) - _AROUND_M, points[:, :2].max(axis=0) + _AROUND_M
+    near &= ((around[:, :2] > low) & (around[:, :2] < high)).all(axis=1)
+    if np.count_nonzero(near) < _LEAST_FLOOR:
+        return plane
+    rise = float(np.median(height[near]))
+    return plane if rise < _NO_FLOOR_M else np.append(normal, offset - rise)
+
+
+def _cells(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (C, 2) of the cells of the table over which points lie, and the height of the highest in each."""
+    cells, index = np.unique(np.floor(points[:, :2] / _CELL_M).astype(np.int64), axis=0, return_inverse=True)
+    tops = np.full(len(cells), -np.inf)
+    np.maximum.at(tops, index.reshape(-1), points[:, 2])
+    return (cells + 0.5) * _CELL_M, tops
+
+
+def _outline(points: np.ndarray) -> np.ndarray | None:
+    """Edges (E, 3) of the convex outline seen from above: a · p + b <= 0 inside; None where it has no area."""
+    try:
+        return np.asarray(ConvexHull(points[:, :2]).equations)
+    except QhullError:
+        return None

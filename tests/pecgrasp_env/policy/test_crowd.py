@@ -1,0 +1,166 @@
+"""Among many objects: what lies on what, what two views say of one heap, where something can be put down."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from mani_skill.utils.structs.pose import Pose
+
+from pecgrasp_env import ScriptedPolicy
+from pecgrasp_env.motion.joint_path import MotionError
+from pecgrasp_env.objects import LARS_CLASSES, Catalogue
+from pecgrasp_env.policy.crowd import floor_below, lying_on, topmost_on
+from pecgrasp_env.policy.put_down import free_places, plan_put_down
+from pecgrasp_env.policy.seen_objects import SeenObject, merge
+from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
+
+TABLE = np.array([0.0, 0.0, 1.0, 0.0])
+
+
+def patch(x, y, z, pitch=0.002):
+    """A level surface over x = (low, high), y likewise, at height z, m."""
+    return np.stack(np.meshgrid(np.arange(*x, pitch), np.arange(*y, pitch), [z], indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def seen(points, certainty=1.0, **evidence):
+    return SeenObject(points, False, [evidence] if evidence else [], np.array([[0.5, 0, 0.55]]), certainty=certainty)
+
+
+LOWER_LEFT = patch((0.40, 0.44), (0.00, 0.06), 0.03)
+LOWER_RIGHT = patch((0.48, 0.52), (0.00, 0.06), 0.03)
+LOWER = np.concatenate([LOWER_LEFT, LOWER_RIGHT])  # its middle is hidden
+UPPER = patch((0.44, 0.48), (-0.01, 0.07), 0.06)
+TOP = patch((0.44, 0.47), (0.05, 0.09), 0.09)
+BESIDE = patch((0.40, 0.50), (0.08, 0.12), 0.06)
+
+
+def test_an_object_lies_on_what_it_hides_the_middle_of_and_not_on_what_it_stands_beside():
+    objects = [seen(LOWER), seen(UPPER), seen(BESIDE)]
+    upon = lying_on(objects, 0)
+    assert list(upon) == [1]
+    assert upon[1] == pytest.approx(1 / 3, abs=0.05)
+    assert lying_on(objects, 1) == {}
+    assert lying_on([seen(LOWER), seen(UPPER - [0, 0, 0.03])], 0) == {}  # between its parts, and no higher
+
+
+def test_the_topmost_is_taken_first():
+    assert topmost_on([seen(LOWER), seen(UPPER), seen(TOP)], 0) == 2
+    assert topmost_on([seen(LOWER), seen(BESIDE)], 0) is None
+
+
+def test_the_bottom_of_a_bin_is_what_an_object_lies_on_and_noise_on_a_table_is_not():
+    rng = np.random.default_rng(0)
+    thing, table = patch((0.45, 0.50), (0.0, 0.05), 0.04), patch((0.3, 0.7), (-0.2, 0.2), 0.0, 0.004)
+    table[:, 2] += rng.normal(0, 0.002, len(table))
+    assert np.array_equal(floor_below(thing, np.concatenate([table, thing]), TABLE), TABLE)
+    bottom = table + np.array([0, 0, 0.006])
+    assert floor_below(thing, np.concatenate([bottom, thing]), TABLE) == pytest.approx([0, 0, 1, -0.006], abs=3e-4)
+
+
+def test_what_lies_on_another_stays_apart_over_views_though_their_middles_are_near():
+    merged = merge([seen(LOWER), seen(UPPER)], [seen(UPPER + 0.002), seen(LOWER + 0.002)])
+    assert sorted(len(each.points) for each in merged) == sorted([2 * len(LOWER), 2 * len(UPPER)])
+
+
+@pytest.mark.parametrize(("certainty", "count"), [(0.6, 2), (0.9, 1)])
+def test_of_two_views_that_cut_otherwise_the_surer_one_counts(certainty, count):
+    heap = seen(np.concatenate([LOWER, UPPER]), certainty)
+    parts = [seen(LOWER, 0.8), seen(UPPER, 0.8)]
+    assert len(merge([heap], parts)) == count
+    assert len(merge(parts, [heap])) == count
+
+
+def test_places_are_free_where_the_table_was_seen_and_nothing_stands():
+    table = patch((0.3, 0.7), (-0.3, 0.3), 0.0, 0.003)
+    thing = patch((0.45, 0.55), (-0.05, 0.05), 0.05)
+    surface = np.concatenate([table, thing])
+    places = free_places(surface, surface[:, 2], 0.08)
+    assert len(places) > 100
+    beyond = np.maximum(np.abs(places - [0.5, 0.0]) - 0.05, 0.0)
+    assert (np.linalg.norm(beyond, axis=1) > 0.07).all()
+    assert (places.min(axis=0) > [0.37, -0.23]).all()
+    assert (places.max(axis=0) < [0.63, 0.23]).all()
+    assert len(free_places(surface, surface[:, 2], 0.4)) == 0
+
+
+def test_a_full_table_has_no_place():
+    full = patch((0.2, 0.8), (-0.4, 0.4), 0.05, 0.003)
+    with pytest.raises(MotionError, match="no free place"):
+        plan_put_down(LOWER, HOME, HOME, 0.04, full, TABLE)
+
+
+class _Labels:
+    """The class of the object whose middle is nearest in space."""
+
+    def __init__(self, env):
+        self.task = env.unwrapped
+
+    def __call__(self, points):
+        q = self.task.agent.robot.get_qpos()[0, :6].numpy().astype(float)
+        T = forward_kinematics(q) @ T_TOOL0_CAMERA
+        top = (points @ T[:3, :3].T + T[:3, 3]).mean(axis=0)
+        places = [actor.pose.p[0].numpy() for actor in self.task.objects]
+        nearest = int(np.argmin([np.linalg.norm(place - top) for place in places]))
+        return self.task.models[0][nearest].class_name, 0.99
+
+
+class _TrueSegments:
+    """Tells objects apart as the renderer does."""
+
+    def __init__(self, policy_segmenter, env):
+        self.segmenter, self.task, self.obs = policy_segmenter, env.unwrapped, None
+
+    def segment(self, cloud, **given):
+        scene = self.segmenter.segment(cloud, **given)
+        numbers = self.obs["sensor_data"]["wrist_camera"]["segmentation"][0, ..., 0].numpy().reshape(-1)
+        points = cloud.reshape(-1, 3)
+        ids = [int(actor.per_scene_id[0]) for actor in self.task.objects]
+        indices = [np.flatnonzero((numbers == i) & np.isfinite(points[:, 2])) for i in ids]
+        return scene.__class__(
+            [points[each] for each in indices],
+            indices,
+            scene.plane,
+            [False] * len(ids),
+            [False] * len(ids),
+            unseen=[np.zeros((0, 3))] * len(ids),
+            viewpoint=scene.viewpoint,
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clear", [True, False])
+def test_what_lies_on_the_asked_for_object_is_put_down_beside_it_first(clear):
+    env = gym.make(
+        "SelectiveGrasp-v1",
+        obs_mode="depth+segmentation",
+        control_mode="pd_joint_pos",
+        sim_backend="physx_cpu",
+        render_backend="cpu",
+        objects=Catalogue(LARS_CLASSES, instances_per_class=2),
+        n_objects=2,
+        clear=clear,
+        max_episode_steps=800,
+    )
+    _, info = env.reset(seed=0, options={"objects": ["joypad", "plug_adapter"], "target": "joypad"})
+    below, above = env.unwrapped.objects
+    pose = above.pose.raw_pose.clone()
+    pose[:, :2] = below.pose.p[:, :2]
+    pose[:, 2] += 0.06
+    above.set_pose(Pose.create(pose))
+    policy = ScriptedPolicy(_Labels(env), clear=True)
+    policy.segmenter = segments = _TrueSegments(policy.segmenter, env)
+    policy.reset(info["target"][0])
+    action = np.array([*HOME, 0.14, 60.0], np.float32)
+    terminated = False
+    for _ in range(20):
+        obs, *_ = env.step(action)
+    while not (policy.done or terminated):
+        segments.obs = obs
+        obs, _, terminated, _, info = env.step(policy.act(obs))
+    assert bool(info["wrong_object"]) is not clear
+    if clear:
+        assert info["success"]
+        assert policy.log.cleared == 1
+        assert torch.linalg.norm(above.pose.p[0, :2] - below.pose.p[0, :2]) > 0.08
+        assert float(above.pose.p[0, 2]) < 0.05
+    env.close()
