@@ -12,6 +12,7 @@ from pecgrasp_env.robot.kinematics import UP
 
 _CELL_M = 0.005
 _HIGHER_M = 0.008  # than the seen edge of what lies below it
+_NEXT_M = 0.010
 _LEAST_OVERLAP_M2 = 2e-4  # twice what the task asks for: outlines of half-seen things are rough
 _AROUND_M = 0.05
 _THICKEST_FLOOR_M = 0.015
@@ -42,6 +43,25 @@ def lying_on(objects: Sequence[SeenObject], lower: int) -> dict[int, float]:
         if over >= _LEAST_OVERLAP_M2:
             found[k] = min(1.0, over / ConvexHull(objects[lower].points[:, :2]).volume)
     return found
+
+
+def stands_over(objects: Sequence[SeenObject], lower: int) -> np.ndarray | None:
+    """From objects[lower] towards what stands next to it and higher, (2,) m: there it may lie on it, unseen from above;
+    None where nothing does.
+    """
+    edge = cKDTree(objects[lower].points[:, :2])
+    heights = objects[lower].points[:, 2]
+    over = []
+    for k, seen in enumerate(objects):
+        if k != lower:
+            cells, tops = _cells(seen.points)
+            distance, nearest = edge.query(cells, distance_upper_bound=_NEXT_M)
+            near = np.isfinite(distance)
+            over.append(cells[near][tops[near] > heights[nearest[near]] + _HIGHER_M])
+    found = np.concatenate([np.zeros((0, 2)), *over])
+    if len(found) * _CELL_M**2 < _LEAST_OVERLAP_M2:
+        return None
+    return np.asarray(found.mean(axis=0) - objects[lower].centroid[:2])
 
 
 def topmost_on(objects: Sequence[SeenObject], lower: int) -> int | None:

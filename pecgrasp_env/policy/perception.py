@@ -28,7 +28,6 @@ class View:
     """
 
     observation: RobotObservation
-
     objects: list[SeenObject]
     clouds: list[np.ndarray]
     plane: np.ndarray | None

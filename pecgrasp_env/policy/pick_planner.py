@@ -10,7 +10,7 @@ import numpy as np
 from grasping import GraspPlan, Segmenter
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
-from pecgrasp_env.policy.crowd import floor_below, lying_on, topmost_on
+from pecgrasp_env.policy.crowd import floor_below, lying_on, stands_over, topmost_on
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look
@@ -23,6 +23,7 @@ NOT_FOUND = "not found"
 _SURE = 0.9  # probability from which one look is enough
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _CERTAIN = 0.7  # that an object is one, below which it is looked at again
+_VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
 _HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
 
 
@@ -41,9 +42,9 @@ class PickPlanner:
         planner: Any,
         segmenter: Segmenter,
         min_confidence: float,
-        clear: bool,
         target: str,
         log: PolicyLog,
+        clear: bool = False,
     ) -> None:
         self._classifier = classifier
         self._planner = planner
@@ -108,7 +109,15 @@ class PickPlanner:
         hidden = sum(lying_on(objects, index).values())
         if hidden > _HIDDEN and not self._clear:
             return f"something hides about {hidden:.0%} of the {self._target}"
+        if self._clear and not hidden and stands_over(objects, index) is not None:
+            seen_from = len(objects[index].viewpoints)
+            return f"something may lie on the {self._target}" if seen_from < _VIEWS_TO_CLEAR else None
         return None
+
+    def hidden_from(self, objects: list[SeenObject]) -> np.ndarray | None:
+        """On which side, (2,), of the likeliest object something stands higher than it, or None."""
+        index = self.likeliest(objects)
+        return None if index is None else stands_over(objects, index)
 
     def decide(self, objects: list[SeenObject], view: View, q: np.ndarray | None) -> PlannedPick:
         """Which object to pick up, with which grasp and, from joint angles q (6,) rad, along which joint paths.

@@ -146,7 +146,7 @@ class ScriptedPolicy:
 
     def _pick_planner(self, target: str) -> PickPlanner:
         return PickPlanner(
-            self.classifier, self.planner, self.segmenter, self.min_confidence, self.clear, target, self.log
+            self.classifier, self.planner, self.segmenter, self.min_confidence, target, self.log, self.clear
         )
 
     def _episode(self, pick_planner: PickPlanner, arm: ArmSteps, observation: RobotObservation) -> Steps:
@@ -209,17 +209,16 @@ class ScriptedPolicy:
     def _next_posture(self, pick_planner: PickPlanner, objects: list[SeenObject], k: int) -> np.ndarray:
         """From where to look for the k-th time in a survey."""
         likeliest = pick_planner.likeliest(objects) if k > 0 else None
-        if likeliest is not None and k > 1 and pick_planner.doubt(objects) is not None:
-            # Past its neighbours: from the side on which the fewest are, then from either side of that.
-            place = objects[likeliest].centroid
-            away = sum((place - each.centroid)[:2] for each in objects if each is not objects[likeliest])
-            turn = np.deg2rad(90.0) * (k - 2)
-            c, s = np.cos(turn), np.sin(turn)
-            q = posture_beside(place, np.array([[c, -s], [s, c]]) @ away)
-            if q is not None:
-                return q
-        if likeliest is not None:  # from straight above, nothing hides behind its neighbours
-            return posture_above(objects[likeliest].centroid, k)
+        if likeliest is not None:
+            place, hides = objects[likeliest].centroid, pick_planner.hidden_from(objects)
+            if hides is not None and pick_planner.doubt(objects) is not None:
+                # Below what hides it: from the other side, then from beside.
+                turn = np.deg2rad((180.0, 90.0, 270.0)[k - 1])
+                c, s = np.cos(turn), np.sin(turn)
+                q = posture_beside(place, np.array([[c, -s], [s, c]]) @ hides)
+                if q is not None:
+                    return q
+            return posture_above(place, k)  # from straight above, nothing hides behind its neighbours
         postures = look_postures()
         return postures[(len(self.log.failures) + k) % len(postures)]
 

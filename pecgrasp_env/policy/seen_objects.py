@@ -75,7 +75,7 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
     result = [old for old, left_out in zip(known, left_out_old, strict=True) if not left_out]
     joined = left_out_new.copy()
     while score.size and score.max() > 0:
-        i, j = np.unravel_index(int(score.argmax()), score.shape)
+        i, j = divmod(int(score.argmax()), score.shape[1])
         score[i], score[:, j], joined[j] = 0.0, 0.0, True
         old, new = known[i], seen[j]
         old.points = np.concatenate([old.points, new.points])
