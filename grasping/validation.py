@@ -18,31 +18,53 @@ FARTHEST = 1.0e4
 def object_cloud(points: ArrayLike, *, at_least: int = 10, name: str = "points") -> NDArray[np.float64]:
     """Return the cloud of one object as (N, 3) float64, m. Raises CloudError where it is no such thing."""
     cloud = as_cloud(points, name=name)
-    if len(cloud) < at_least:
-        raise CloudError(f"{name}: {len(cloud)} points, at least {at_least} are needed")
-    span = float(np.ptp(np.ascontiguousarray(cloud.T), axis=1).max())  # extremes over long rows are fast
+    _require_object(np.ascontiguousarray(cloud.T), at_least, name)  # extremes over long rows are fast
+    return cloud
+
+
+def object_rows(points: ArrayLike, *, at_least: int = 10, name: str = "points") -> NDArray[np.float64]:
+    """As `object_cloud`, but as rows (3, N), which may be the points' own."""
+    rows = np.ascontiguousarray(_as_numbers(points, name).T)
+    _require_finite(rows.T, name)
+    _require_object(rows, at_least, name)
+    return rows
+
+
+def _require_object(rows: NDArray[np.float64], at_least: int, name: str) -> None:
+    if rows.shape[1] < at_least:
+        raise CloudError(f"{name}: {rows.shape[1]} points, at least {at_least} are needed")
+    span = max(map(float.__sub__, rows.max(axis=1).tolist(), rows.min(axis=1).tolist()))
     if span > LARGEST_OBJECT:
         raise CloudError(f"{name}: spans {span:.6g} m, more than {LARGEST_OBJECT} m; are these millimetres or a scene?")
-    return cloud
 
 
 def as_cloud(points: ArrayLike, *, name: str) -> NDArray[np.float64]:
     """Return (N, 3) float64, N may be 0. Raises CloudError for another shape, text, NaN, infinity or huge values."""
+    cloud = np.array(_as_numbers(points, name))
+    _require_finite(cloud, name)
+    return cloud
+
+
+def _as_numbers(points: ArrayLike, name: str) -> NDArray[np.float64]:
+    """(N, 3) float64, which may be the array that came in."""
     try:
         cloud = np.asarray(points)
-        if np.iscomplexobj(cloud):
+        if cloud.dtype.kind == "c":
             raise TypeError("complex numbers")
-        cloud = cloud.astype(np.float64)
+        cloud = np.asarray(cloud, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise CloudError(f"{name}: not an array of numbers ({error})") from error
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise CloudError(f"{name}: shape {cloud.shape}, expected (N, 3)")
-    if cloud.size and not np.abs(cloud).max() <= FARTHEST:
+    return cloud
+
+
+def _require_finite(cloud: NDArray[np.float64], name: str) -> None:
+    if cloud.size and not (cloud.max() <= FARTHEST and cloud.min() >= -FARTHEST):  # NaN is neither
         bad = np.flatnonzero(~(np.abs(cloud).max(axis=1) <= FARTHEST))
         raise CloudError(
             f"{name}: {len(bad)} of {len(cloud)} points not finite or beyond {FARTHEST:g} m, first {bad[0]}"
         )
-    return cloud
 
 
 def unit_vector(vector: ArrayLike, *, name: str) -> NDArray[np.float64]:
@@ -80,10 +102,10 @@ def plane_equation(plane: ArrayLike, *, name: str = "table") -> NDArray[np.float
     return value / length
 
 
-def require_near(cloud: NDArray[np.float64], table: NDArray[np.float64]) -> None:
-    """Raises ConfigError where an object (N, 3) is too far from a plane (4,) for that to be its table."""
-    height = cloud @ table[:3] + table[3]
-    low, high = float(height.min()), float(height.max())
+def require_near(rows: NDArray[np.float64], table: NDArray[np.float64]) -> None:
+    """Raises ConfigError where an object (3, N) is too far from a plane (4,) for that to be its table."""
+    height = table[:3] @ rows
+    low, high = float(height.min() + table[3]), float(height.max() + table[3])
     if low > LARGEST_OBJECT or high < -LARGEST_OBJECT:
         raise ConfigError(
             f"table = {table.tolist()}: the object is {low:.4g} m to {high:.4g} m above it; another frame or unit?"

@@ -6,7 +6,9 @@ from numpy.typing import NDArray
 INTERFACE: int
 
 def short_side(cloud: NDArray[np.float64], axes: NDArray[np.float64], cell: float, /) -> tuple[float, float]: ...
-def thin(cloud: NDArray[np.float64], axes: NDArray[np.float64], box: float, thinned: NDArray[np.float64], /) -> int:
+def thin(
+    cloud: NDArray[np.float64], axes: NDArray[np.float64], box: float, depth: float, thinned: NDArray[np.float64], /
+) -> int:
     """Fill `thinned` (3, N); return the number of points."""
 
 def place(
@@ -19,6 +21,20 @@ def place(
 ) -> tuple[float, float, float, float, float, float, float]:
     """Fill `local` (3, N); return the middle, the centre, how far it is to the farthest cell, and the volume."""
 
+def neighbours(
+    others: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle_x: float,
+    middle_y: float,
+    middle_z: float,
+    reach_x: float,
+    reach_y: float,
+    cell: float,
+    local: NDArray[np.float64],
+    /,
+) -> int:
+    """others: (K, 3). Fill each row of `local` (3, K) from its start; return the number of neighbours."""
+
 def look(
     cloud: NDArray[np.float64],
     others: NDArray[np.float64],
@@ -30,15 +46,16 @@ def look(
     depth: NDArray[np.float64],
     /,
 ) -> float:
-    """Fill `lens` (15,) and `depth` (96, 96); return the share of the cloud that it hides itself."""
+    """others: (K, 3). unseen: (U, 3). Fill `lens` (15,) and `depth` (96, 96); return the share that the cloud hides."""
 
 def assume_back(
     cloud: NDArray[np.float64],
-    axes: NDArray[np.float64],
+    up_x: float,
+    up_y: float,
+    up_z: float,
     floor: float,
-    image_up_along: float,
-    image_up_up: float,
     cell: float,
+    viewpoints: NDArray[np.float64],
     lenses: NDArray[np.float64],
     depth: NDArray[np.float64],
     found: NDArray[np.float64],
@@ -66,16 +83,16 @@ def scan(
 ) -> tuple[int, float, float]:
     """Fill `candidates` (9, 160), a column each; return their number, how many are too wide, their least width."""
 
-def measured(
-    seen: NDArray[np.float64], holds: NDArray[np.float64], pad_width: float, found: NDArray[np.float64], /
-) -> None:
-    """holds (5, M): rows heading, x, y, tip, width. Fill `found` (3, M)."""
-
 def rank(
     object: NDArray[np.float64],
     others: NDArray[np.float64],
     lenses: NDArray[np.float64],
     depth: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    origin_x: float,
+    origin_y: float,
+    origin_z: float,
     candidates: NDArray[np.float64],
     count: int,
     centre_x: float,
@@ -85,7 +102,7 @@ def rank(
     problems: NDArray[np.int64],
     /,
 ) -> tuple[int, int]:
-    """Fill `ranked` (20, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
+    """Fill `ranked` (21, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
 
 def survey(
     object: NDArray[np.float64],

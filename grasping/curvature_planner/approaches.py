@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
+from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.backend import Backend
 from grasping.curvature_planner.line_of_sight import Sight
-from grasping.curvature_planner.unseen_back import ABOVE
+from grasping.curvature_planner.projection import last_in_cells
 from grasping.geometry import exact_math
 from grasping.geometry.principal_axes import principal_axes
 
@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 REACHED = 0.08  # m beyond the object in which neighbours matter
 CELL = 0.004  # m, in which a footprint is weighed
 OBSTACLE_CELL = 0.003  # m, to which neighbours are thinned
-BOX = 0.0025  # m, to which large clouds are thinned
+BOX, BOX_DEPTH = 0.0025, 4.0  # m, to which large clouds are thinned; and times that along the approach
 FROM_THE_CAMERA = math.cos(math.radians(45))
 _NOTHING = np.empty((3, 0))
 
@@ -44,11 +44,11 @@ def approaches_from_above(
     """
     first = _cross(up, np.eye(3)[int(np.abs(up).argmin())])
     first /= math.sqrt(first @ first)
-    level = np.array([first, _cross(up, first), up]).T
+    level = np.ascontiguousarray(np.array([first, _cross(up, first), up]).T)
     table_height = float(exact_math.project(cloud, up).min()) if table is None else -float(table[3])
     axes = level @ _upright(*backend.short_side(cloud, level, 0.0))
-    thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, axes, BOX)
-    whole = _with_its_back(thinned, up, table_height, sight, backend)
+    thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, axes, BOX, BOX_DEPTH)
+    whole = backend.with_its_back(thinned, up, table_height, BOX, sight)
     axes = axes @ _upright(*backend.short_side(whole, axes, CELL))
     straight = _view(whole, thinned, obstacles, axes, table_height, 0.0, backend, sight)
     yield straight
@@ -61,7 +61,8 @@ def approaches_from_above(
     for angle in (0.5 * max_tilt, max_tilt):
         for about, sign in ((1, 1.0), (1, -1.0), (0, 1.0), (0, -1.0)):
             turned = axes @ _rotation(about, sign * angle)
-            yield _view(_outermost(solid, turned), thinned, others, turned, None, angle, backend, sight)
+            seen = backend.thin(solid, turned, BOX, math.inf)
+            yield _view(seen, thinned, others, turned, None, angle, backend, sight)
 
 
 def approaches_without_table(
@@ -93,35 +94,10 @@ def approaches_without_table(
             ways += [(against, short), (-against, short)]
     for upward, short in ways:
         frame = np.array([short, _cross(upward, short), upward]).T
-        thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, frame, BOX)
+        thinned = cloud if cloud.shape[1] <= n_points else backend.thin(cloud, frame, BOX, BOX_DEPTH)
         lowest = float(exact_math.project(thinned, upward).min())
-        whole = _with_its_back(thinned, upward, lowest, sight, backend)
+        whole = backend.with_its_back(thinned, upward, lowest, BOX, sight)
         yield _view(whole, thinned, obstacles, frame, None, 0.0, backend, sight)
-
-
-def _with_its_back(cloud: FloatArray, up: FloatArray, floor: float, sight: Sight, backend: Backend) -> FloatArray:
-    """A cloud (3, N) and (3, M) what `unseen_back.assume_back` makes of its far side, if it was seen from a side."""
-    if not len(sight.lenses):
-        return cloud
-    along = 0.5 * (cloud.min(axis=1) + cloud.max(axis=1)) - sight.viewpoints.sum(axis=0) / len(sight.viewpoints)
-    distance, sinking = math.sqrt(along @ along), float(along @ up)
-    level = along - sinking * up
-    size = math.sqrt(level @ level)
-    if size <= ABOVE * distance:
-        return cloud
-    back = level / size
-    axes = np.array([_cross(back, up), back, up]).T
-    image_up = (-sinking / distance, size / distance)
-    cell = max(BOX, distance / float(sight.lenses[:, 14].min()))
-    found = backend.assume_back(cloud, axes, floor, image_up, cell, sight.within(axes, np.zeros(3)))
-    return np.concatenate([cloud, axes @ found.T], axis=1) if len(found) else cloud
-
-
-def _outermost(solid: FloatArray, axes: FloatArray) -> FloatArray:
-    """Of a solid (3, N) what can be seen along the third axis: one point in each cell of 2.5 mm."""
-    x, y, height = (exact_math.project(solid, axis) for axis in axes.T)
-    order = np.argsort(height, kind="stable")
-    return np.ascontiguousarray(solid[:, order[last_in_cells(x[order], y[order], BOX)]])
 
 
 def _view(
@@ -137,22 +113,10 @@ def _view(
     points, middle, centre, footprint = backend.place(cloud, axes, table_height, CELL)
     others = _NOTHING
     if len(obstacles):
-        others = _in_reach(axes.T @ obstacles.T - middle[:, None], np.abs(points[:2]).max(axis=1) + REACHED)
-    seen = points if measured is cloud else axes.T @ measured - middle[:, None]
-    origin = axes @ middle
-    return ApproachView(origin, axes, points, others, 0.0, centre, tilt, sight.within(axes, origin), seen, *footprint)
-
-
-def _in_reach(others: FloatArray, reach: FloatArray) -> FloatArray:
-    """Of neighbours (3, K) the highest in each cell (3, k), in rising height, within ± reach (2,) of the origin.
-
-    Only seen along the approach is a neighbour out of reach: however high it is, a hand could hit it.
-    """
-    others = others[:, (np.abs(others[:2]) <= reach[:, None]).all(axis=0)]
-    if not others.shape[1]:
-        return _NOTHING
-    others = others[:, np.argsort(others[2], kind="stable")]
-    return np.ascontiguousarray(others[:, np.sort(last_in_cells(others[0], others[1], OBSTACLE_CELL))])
+        reach = np.abs(points[:2]).max(axis=1) + REACHED
+        others = backend.neighbours(obstacles, axes, middle, reach, OBSTACLE_CELL)
+    told_apart = None if measured is cloud else measured
+    return ApproachView(axes @ middle, axes, points, others, 0.0, centre, tilt, sight, told_apart, *footprint)
 
 
 def _columns(cloud: FloatArray, height: FloatArray, up: FloatArray) -> FloatArray:

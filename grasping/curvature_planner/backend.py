@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.curvature_planner.approach_view import ApproachView
-from grasping.curvature_planner.contact_refinement import Contacts
 from grasping.curvature_planner.finger_scan import Candidates, Scan
 from grasping.curvature_planner.line_of_sight import Sight
 from grasping.curvature_planner.ranking import Ranked, Rules
@@ -27,7 +26,7 @@ class Backend(Protocol):
     def short_side(self, cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float, float]:
         """`projection.short_side`."""
 
-    def thin(self, cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
+    def thin(self, cloud: FloatArray, axes: FloatArray, box: float, depth: float) -> FloatArray:
         """`projection.thin`."""
 
     def place(
@@ -35,21 +34,18 @@ class Backend(Protocol):
     ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
         """`projection.place`."""
 
+    def neighbours(
+        self, others: FloatArray, axes: FloatArray, middle: FloatArray, reach: FloatArray, cell: float
+    ) -> FloatArray:
+        """`projection.neighbours`."""
+
     def look(
         self, cloud: FloatArray, obstacles: FloatArray, unseen: FloatArray, viewpoint: FloatArray
     ) -> tuple[FloatArray, FloatArray, float]:
         """`line_of_sight.look`."""
 
-    def assume_back(
-        self,
-        cloud: FloatArray,
-        axes: FloatArray,
-        floor: float,
-        image_up: tuple[float, float],
-        cell: float,
-        sight: Sight,
-    ) -> FloatArray:
-        """`unseen_back.assume_back`."""
+    def with_its_back(self, cloud: FloatArray, up: FloatArray, floor: float, cell: float, sight: Sight) -> FloatArray:
+        """`unseen_back.with_its_back`."""
 
     def scan(
         self,
@@ -69,11 +65,6 @@ class Backend(Protocol):
 
     def rank(self, view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
         """`ranking.rank`."""
-
-    def measured(
-        self, seen: FloatArray, contacts: Contacts, pad_width: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """`contact_refinement.measured`."""
 
     def measure_regions(self, view: ApproachView, candidates: Candidates | None, slab_height: float) -> RegionMeasures:
         """`region_report.measure_regions`."""

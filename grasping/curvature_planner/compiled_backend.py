@@ -19,11 +19,14 @@ from grasping.curvature_planner.finger_scan import MEASURED, Candidates, Scan, b
 from grasping.curvature_planner.grasp_clusters import HEADING, PLACE, SAG, SAME_HEADING, SAME_PLACE, SLIDE, WIDTH
 from grasping.curvature_planner.line_of_sight import PIXELS, Sight
 from grasping.curvature_planner.ranking import (
+    BLIND,
     BLUR,
     CANDIDATES,
     CENTRED,
     LEAST_AREA,
+    LEAST_BREADTH,
     LEAST_CONTACT,
+    LEAST_MEASURED,
     MOST_CLEARANCE,
     PROBLEMS,
     SLID,
@@ -35,6 +38,7 @@ from grasping.curvature_planner.scoring import (
     ALIKE_HEADING,
     ALIKE_PLACE,
     ALIKE_TIP,
+    ASSUMED,
     NARROWEST,
     OVERLAP,
     REFINED,
@@ -45,7 +49,7 @@ from grasping.geometry.primitives import FLAT
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 7  # as in csrc/module.c
+INTERFACE = 8  # as in csrc/module.c
 MOST_TRIED = 64  # likewise
 
 
@@ -59,7 +63,7 @@ def _load() -> Any:
 
 _KERNELS = _load()
 AVAILABLE = _KERNELS is not None
-_NONE = np.empty(0)
+_NONE, _NOTHING = np.empty(0), np.empty((3, 0))
 
 
 class CompiledBackend:
@@ -71,10 +75,11 @@ class CompiledBackend:
         return _KERNELS.short_side(cloud, np.ascontiguousarray(axes), cell)
 
     @staticmethod
-    def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
+    def thin(cloud: FloatArray, axes: FloatArray, box: float, depth: float) -> FloatArray:
         """`projection.thin`."""
         thinned = np.empty_like(cloud)
-        return np.ascontiguousarray(thinned[:, : _KERNELS.thin(cloud, np.ascontiguousarray(axes), box, thinned)])
+        count = _KERNELS.thin(cloud, np.ascontiguousarray(axes), box, depth, thinned)
+        return np.ascontiguousarray(thinned[:, :count])
 
     @staticmethod
     def place(
@@ -87,6 +92,16 @@ class CompiledBackend:
         return local, np.array(middle), np.array([x, y]), (farthest, volume)
 
     @staticmethod
+    def neighbours(
+        others: FloatArray, axes: FloatArray, middle: FloatArray, reach: FloatArray, cell: float
+    ) -> FloatArray:
+        """`projection.neighbours`."""
+        found = np.empty((3, len(others)))
+        lengths = (*middle.tolist(), *reach.tolist(), cell)
+        count = _KERNELS.neighbours(np.ascontiguousarray(others), np.ascontiguousarray(axes), *lengths, found)
+        return np.ascontiguousarray(found[:, :count])
+
+    @staticmethod
     def look(
         cloud: FloatArray, obstacles: FloatArray, unseen: FloatArray, viewpoint: FloatArray
     ) -> tuple[FloatArray, FloatArray, float]:
@@ -96,15 +111,14 @@ class CompiledBackend:
         return lens, depth, share
 
     @staticmethod
-    def assume_back(
-        cloud: FloatArray, axes: FloatArray, floor: float, image_up: tuple[float, float], cell: float, sight: Sight
-    ) -> FloatArray:
-        """`unseen_back.assume_back`."""
+    def with_its_back(cloud: FloatArray, up: FloatArray, floor: float, cell: float, sight: Sight) -> FloatArray:
+        """`unseen_back.with_its_back`."""
+        if not len(sight.lenses):
+            return cloud
         found = np.empty((cloud.shape[1] + 4 * (MOST_CELLS + 2) ** 2, 3))  # of which hardly anything is written
-        count = _KERNELS.assume_back(
-            cloud, np.ascontiguousarray(axes), floor, *image_up, cell, sight.lenses, sight.depth, found
-        )
-        return found[:count].copy()
+        seen = (np.ascontiguousarray(sight.viewpoints), sight.lenses, sight.depth)
+        count = _KERNELS.assume_back(cloud, *up.tolist(), floor, cell, *seen, found)
+        return np.concatenate([cloud, found[:count].T], axis=1) if count else cloud
 
     @staticmethod
     def scan(
@@ -132,28 +146,18 @@ class CompiledBackend:
     @staticmethod
     def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
         """`ranking.rank`."""
-        sight = (view.sight.lenses, view.sight.depth)
-        coarse = np.empty((9, len(candidates)))
-        for row, name in zip(coarse, Candidates.__dataclass_fields__, strict=True):
-            row[:] = getattr(candidates, name)
-        found, problems = np.empty((20, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
-        centre = view.centre.tolist()
+        coarse = np.array([getattr(candidates, name) for name in Candidates.__dataclass_fields__], dtype=np.float64)
+        found, problems = np.empty((21, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
+        seen = (view.sight.lenses, view.sight.depth, _NOTHING if view.measured is None else view.measured)
         count, refused = _KERNELS.rank(
-            view.points, view.obstacles, *sight, coarse, len(candidates), *centre, _numbers(rules), found, problems
+            *(view.points, view.obstacles, *seen, np.ascontiguousarray(view.axes), *view.origin.tolist()),
+            *(coarse, len(candidates), *view.centre.tolist(), _numbers(rules), found, problems),
         )
         heading, x, y, width, angle, contact, overlap, gap, area, empty, score, tip, whole, *rest = found[:, :count]
         contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, area, gap, empty > 0.0)
-        named = dict(zip(("angle", "overlap", "centre", "room", "narrow", "seen"), rest[:-1], strict=True))
-        terms = {"contact": contact, **named, "whole": whole, "opening": rest[-1]} if count else {}
+        named = dict(zip(("angle", "overlap", "centre", "room", "narrow", "seen"), rest[:-2], strict=True))
+        terms = {"contact": contact, **named, "whole": whole, "opening": rest[-2], "assumed": rest[-1]} if count else {}
         return Ranked(contacts, terms, score, [PROBLEMS[index] for index in problems[:refused].tolist()])
-
-    @staticmethod
-    def measured(seen: FloatArray, contacts: Contacts, pad_width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """`contact_refinement.measured`."""
-        holds = np.array([contacts.heading, contacts.x, contacts.y, contacts.tip, contacts.width])
-        found = np.empty((3, holds.shape[1]))
-        _KERNELS.measured(np.ascontiguousarray(seen), holds, pad_width, found)
-        return found[0], found[1], found[2]
 
     @staticmethod
     def measure_regions(view: ApproachView, candidates: Candidates | None, slab_height: float) -> RegionMeasures:
@@ -179,6 +183,7 @@ def _numbers(rules: Rules) -> FloatArray:
             *(rules.finger_room, rules.wished_room, rules.greatest_width, rules.reach),
             *(rules.steepest, rules.parallel, rules.steepest + BLUR),
             *(rules.least_overlap, LEAST_CONTACT, LEAST_AREA, NARROWEST),
+            *(BLIND, LEAST_MEASURED, LEAST_BREADTH, rules.least_reach, ASSUMED),
             *(MOST_CLEARANCE, rules.far_from_centre),
             *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),
             *(PLACE, HEADING, WIDTH, SAME_PLACE, SAME_HEADING, SAG, SLIDE),

@@ -119,11 +119,15 @@ def refine(
     )
 
 
-def measured(seen: FloatArray, contacts: Contacts, pad_width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def measured(
+    cloud: FloatArray, axes: FloatArray, origin: FloatArray, contacts: Contacts, pad_width: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of measured points (3, N), between the pads of each of M grasps: their number; how far they reach, m.
 
-    The second is along the closing axis, the third across it.
+    The grasps are along axes (3, 3), by columns, from an origin (3,) of the cloud's frame. The second is along the
+    closing axis, the third across it.
     """
+    seen = np.stack([exact_math.project(cloud, axis) - exact_math.project(origin, axis) for axis in axes.T])
     cos, sin = exact_math.cos(contacts.heading), exact_math.sin(contacts.heading)
     along, across = _turned(seen, cos, sin, contacts.x, contacts.y)
     between = (np.abs(across) <= 0.5 * pad_width) & (np.abs(along) <= (0.5 * contacts.width + HAIR)[:, None])

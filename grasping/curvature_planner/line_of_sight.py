@@ -39,7 +39,7 @@ CLOSEST = 0.1  # m
 
 @dataclass(frozen=True)
 class Sight:
-    """V depth images, for the frame (axes, origin) in which places are given.
+    """V depth images, for the frame in which places are given.
 
     lenses: (V, 15), each the 3 × 3 rows and the offset (3,) that take a place of that frame into the camera's, and the
         image's left and upper edge and the pixels to a unit, all at depth 1.
@@ -54,10 +54,11 @@ class Sight:
 
     def within(self, axes: FloatArray, origin: FloatArray) -> Sight:
         """The same images for places given along axes (3, 3), by columns, from an origin."""
-        lenses = self.lenses.copy()
-        turns = self.lenses[:, :9].reshape(-1, 3, 3)
-        lenses[:, :9] = (turns @ axes).reshape(-1, 9)
-        lenses[:, 9:12] += turns @ origin
+        lenses, turns = self.lenses.copy(), self.lenses[:, :9].reshape(-1, 3, 3)
+        first, second, third = (turns[:, :, k, None] for k in range(3))
+        lenses[:, :9] = ((first * axes[0] + second * axes[1]) + third * axes[2]).reshape(-1, 9)
+        offset = (first * origin[0] + second * origin[1]) + third * origin[2]
+        lenses[:, 9:12] = self.lenses[:, 9:12] + offset[:, :, 0]
         return Sight(lenses, self.depth, self.viewpoints)
 
 
@@ -81,16 +82,16 @@ def sight_of(
     """
     if cloud.shape[1] > 2 * DRAWN:  # more points than pixels show nothing more
         cloud = np.ascontiguousarray(cloud[:, :: cloud.shape[1] // DRAWN])
-    others, nothing = np.ascontiguousarray(obstacles.T), np.empty((3, 0))
-    rays = np.ascontiguousarray(unseen.T)
-    if viewpoints is None:
-        if not _may_be_a_camera(cloud, up, table):
+    others, rays = np.ascontiguousarray(obstacles), np.ascontiguousarray(unseen)
+    if viewpoints is None or len(viewpoints) == 1:
+        known = viewpoints is not None
+        if not known and not _may_be_a_camera(cloud, up, table):
             return NOTHING_KNOWN
-        viewpoints = np.zeros((1, 3))
-        lens, depth, share = look(cloud, others, rays, viewpoints[0])
-        return NOTHING_KNOWN if share > MOST_HIDDEN else Sight(lens[None], depth[None], viewpoints)
+        eye = np.zeros((1, 3)) if viewpoints is None else viewpoints
+        lens, depth, share = look(cloud, others, rays, eye[0])
+        return Sight(lens[None], depth[None], eye) if known or share <= MOST_HIDDEN else NOTHING_KNOWN
     last = len(viewpoints) - 1
-    images = [look(cloud, others, rays if k == last else nothing, eye) for k, eye in enumerate(viewpoints)]
+    images = [look(cloud, others, rays if k == last else rays[:0], eye) for k, eye in enumerate(viewpoints)]
     return Sight(np.array([lens for lens, *_ in images]), np.array([depth for _, depth, _ in images]), viewpoints)
 
 
@@ -110,7 +111,7 @@ def _may_be_a_camera(cloud: FloatArray, up: FloatArray | None, table: FloatArray
 def look(
     cloud: FloatArray, obstacles: FloatArray, unseen: FloatArray, viewpoint: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """The depth image of a cloud (3, N) and of what is around it: (3, K) surfaces, (3, U) ends of lines without depth.
+    """The depth image of a cloud (3, N) and of what is around it: (K, 3) surfaces, (U, 3) ends of lines without depth.
 
     Returns the lens (15,) and the depth of one of `Sight`'s images, and the share of the cloud's points that others of
     it hide. Pixels are as coarse as the cloud is sparse, and small gaps in a surface are closed.
@@ -132,10 +133,10 @@ def look(
             break
         size *= 2.0
     share = float(np.count_nonzero(z > depth[pixel] + BEHIND_ITSELF)) / len(z)
-    ox, oy, oz = _seen_from(obstacles, turn, viewpoint)
+    ox, oy, oz = _seen_from(obstacles.T, turn, viewpoint)
     np.minimum.at(depth, _pixels(ox, oy, edges), oz)
     image = _closed(depth[:-1].reshape(PIXELS, PIXELS))
-    rx, ry, _ = _seen_from(unseen, turn, viewpoint)
+    rx, ry, _ = _seen_from(unseen.T, turn, viewpoint)
     hole = np.zeros(PIXELS * PIXELS + 1, dtype=bool)
     hole[_pixels(rx, ry, edges)] = True
     image[hole[:-1].reshape(PIXELS, PIXELS) & np.isinf(image)] = min(HOLE_REACHES - nearest, -NEAREST)

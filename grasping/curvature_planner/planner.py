@@ -37,11 +37,11 @@ from grasping.curvature_planner.line_of_sight import sight_of
 from grasping.curvature_planner.numpy_backend import NumpyBackend
 from grasping.curvature_planner.ranking import LEAST_OVERLAP, Ranked, Rules
 from grasping.curvature_planner.region_report import ObjectReport, report_regions
-from grasping.curvature_planner.scoring import ASSUMED, leverage
+from grasping.curvature_planner.scoring import leverage
 from grasping.errors import ConfigError, require_between
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
-from grasping.validation import object_cloud, require_near, sight, workspace
+from grasping.validation import object_rows, require_near, sight, workspace
 
 if TYPE_CHECKING:
     from grasping.baselines.published.planner import PublishedPlanner
@@ -53,8 +53,6 @@ PALM_CLEARANCE = 0.01  # m above whatever is under the palm
 # rod. Shares of the height above which half of the surface lies: an allen key is low although its short leg stands up.
 TIP_SHARE, OVERLAP_SHARE = 0.2, 0.5
 LEAST_TIP_CLEARANCE = 0.001  # m; a fitted table is off by a tenth of that in simulation
-LEAST_MEASURED, LEAST_BREADTH = 8, 0.004  # points between the pads, and m across them, where others are only assumed
-BLIND = 0.1  # of a finger's way was seen: with less it goes in blind, which is done only where nothing else holds
 DEPTH_STEP, MOST_DEPTHS = 0.015, 5  # depths of the tips that are tried
 
 
@@ -132,8 +130,9 @@ class CurvaturePlanner:
             friction=friction,
         )
         # From above an object may be too flat to show how steep its sides are. A tilted hand must see it: the edge of a
-        # box, seen so, is a ridge between two slopes.
-        self._rules_tilted = replace(self._rules, least_overlap=max(self._rules.least_overlap, CONTACT_BAND / friction))
+        # box, seen so, is a ridge between two slopes; what is filled in down to the table is as thin as what was seen.
+        overlap = max(self._rules.least_overlap, CONTACT_BAND / friction)
+        self._rules_tilted = replace(self._rules, least_overlap=overlap, least_reach=LEAST_WIDTH)
 
     @staticmethod
     def published(gripper: Gripper = ROBOTIQ_2F_140, **left_open: Any) -> PublishedPlanner:
@@ -162,12 +161,11 @@ class CurvaturePlanner:
         lines of sight from the viewpoint, of several the last, on which nothing was measured. All in the cloud's frame.
         Regions hold the assumed back, too. Raises CloudError for a cloud, ConfigError for a scene that is none.
         """
-        cloud = object_cloud(points)
+        cloud = object_rows(points)
         up_vector, plane, neighbours = workspace(up, table, obstacles)
         viewpoints, rays = sight(viewpoint, unseen)
         if plane is not None:
             require_near(cloud, plane)
-        cloud = np.ascontiguousarray(cloud.T)
         seen = sight_of(cloud, neighbours, viewpoints, rays, up_vector, plane, self._backend.look)
         if up_vector is None:
             views = approaches_without_table(cloud, neighbours, self.n_points, self._backend, seen)
@@ -229,8 +227,6 @@ class CurvaturePlanner:
             return None, candidates, f"no room for the fingers: {where}"
         ranked: Ranked = self._backend.rank(view, candidates, rules)
         if not ranked.problems:
-            ranked = self._held_by_what_was_seen(view, ranked)
-        if not ranked.problems:
             return ranked, candidates, ""
         refused = Counter(ranked.problems)
         reason = f"none of the {len(ranked.problems)} best places holds: "
@@ -238,25 +234,6 @@ class CurvaturePlanner:
         if found.too_wide:
             reason += f"; elsewhere the object is at least {wide:.0f} mm wide and the gripper takes {most:.0f} mm"
         return None, candidates, reason
-
-    def _held_by_what_was_seen(self, view: ApproachView, ranked: Ranked) -> Ranked:
-        """Those between whose pads enough was measured, and none with a blind finger where there are others.
-
-        What is only assumed costs; the term `assumed` says how much it is.
-        """
-        looked_at = ranked.terms["seen"] >= BLIND
-        if looked_at.any() and not looked_at.all():
-            ranked = ranked.those(looked_at)
-        if view.seen is view.points:
-            return replace(ranked, terms={**ranked.terms, "assumed": np.zeros(len(ranked.score))})
-        number, reach, breadth = self._backend.measured(view.seen, ranked.contacts, self._rules.pad_width)
-        assumed = np.maximum(ranked.contacts.width - reach, 0.0)
-        score = ranked.score * (1.0 - ASSUMED * (assumed / ranked.contacts.width))
-        ranked = replace(ranked, terms={**ranked.terms, "assumed": assumed}, score=score)
-        held = (number >= LEAST_MEASURED) & (breadth >= LEAST_BREADTH)
-        if view.tilt:  # what is filled in down to the table is as thin as what was measured
-            held &= reach >= LEAST_WIDTH
-        return ranked if held.all() else ranked.those(held)
 
     def _grasps(self, view: ApproachView, ranked: Ranked, report: ObjectReport) -> list[Grasp]:
         contacts = ranked.contacts
@@ -272,19 +249,23 @@ class CurvaturePlanner:
         tips = poses[:, :3, 3] + view.origin
         poses[:, :3, 3] = tips + 0.5 * self.gripper.pad_length * view.axes[:, 2]
         poses[:, 3, 3] = 1.0
-        own = {**ranked.terms, "tip_height": tip - view.floor, "tilt": np.full(count, view.tilt)}
-        rows = [dict(zip(own, row, strict=True)) for row in np.array(list(own.values())).T.tolist()]
-        whole = np.zeros(count, dtype=bool)  # held at the centre of an object that is one primitive
+        names = (*ranked.terms, "tip_height", "tilt")
+        columns = (*(term.tolist() for term in ranked.terms.values()), (tip - view.floor).tolist(), [view.tilt] * count)
+        rows = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        whole = [False] * count  # held at the centre of an object that is one primitive
         if report.one_primitive():
-            whole = np.hypot(x - view.centre[0], y - view.centre[1]) < 0.5 * self.gripper.finger_width
-        columns = (poses, contacts.width.tolist(), ranked.score.tolist(), whole.tolist(), report.regions_at(tips), rows)
+            whole = (np.hypot(x - view.centre[0], y - view.centre[1]) < 0.5 * self.gripper.finger_width).tolist()
+        found = (poses, contacts.width.tolist(), ranked.score.tolist(), whole, report.regions_at(tips), rows)
         return [
             Grasp(pose, width, score, "primitive" if all_of_it else "region", None if all_of_it else region, terms)
-            for pose, width, score, all_of_it, region, terms in zip(*columns, strict=True)
+            for pose, width, score, all_of_it, region, terms in zip(*found, strict=True)
         ]
 
 
 def _for_object(view: ApproachView, rules: Rules, overlap: float) -> Rules:
     """The rules for what is low, where an overlap (m) less than usual must do, and for what is long and heavy."""
     far, weight = leverage(view.farthest, view.volume)
-    return replace(rules, least_overlap=min(rules.least_overlap, overlap), far_from_centre=far, weight_of_centre=weight)
+    overlap = min(rules.least_overlap, overlap)
+    if (overlap, far, weight) == (rules.least_overlap, rules.far_from_centre, rules.weight_of_centre):
+        return rules
+    return replace(rules, least_overlap=overlap, far_from_centre=far, weight_of_centre=weight)

@@ -35,14 +35,14 @@ def short_side(cloud: FloatArray, axes: FloatArray, cell: float) -> tuple[float,
     return (-across_x, -across_y) if exact_math.total(along * along * along) < 0.0 else (across_x, across_y)
 
 
-def thin(cloud: FloatArray, axes: FloatArray, box: float) -> FloatArray:
-    """The highest point of each box, that wide or a 200th of the cloud, and four times as long along the approach.
+def thin(cloud: FloatArray, axes: FloatArray, box: float, depth: float) -> FloatArray:
+    """The highest point of each box, that wide or a 200th of the cloud, and `depth` times as long along the approach.
 
     The highest of a box, and not any, so that the choice does not depend on the order of the points.
     """
     local = np.stack([exact_math.project(cloud, axis) for axis in axes.T])
     low, high = local.min(axis=1, keepdims=True), local.max(axis=1, keepdims=True)
-    size = np.array([1.0, 1.0, 4.0])[:, None] * max(box, float((high - low).max()) / 200.0)
+    size = np.array([1.0, 1.0, depth])[:, None] * max(box, float((high - low).max()) / 200.0)
     index = ((local - low) / size).astype(np.int64)
     counts = index.max(axis=1) + 1
     key = (index[0] * counts[1] + index[1]) * counts[2] + index[2]
@@ -79,6 +79,28 @@ def place(
     away, aside = places[0] - centre[0], places[1] - centre[1]
     footprint = cell * math.sqrt((away * away + aside * aside).max()), total * (cell * cell)
     return local, middle, local[:2].min(axis=1) + cell * (centre + 0.5), footprint
+
+
+def neighbours(others: FloatArray, axes: FloatArray, middle: FloatArray, reach: FloatArray, cell: float) -> FloatArray:
+    """Of neighbours (K, 3) the highest in each cell, along the axes (3, k), in rising height, from a middle (3,).
+
+    Those within ± reach (2,): only seen along the approach is a neighbour out of reach. However high it is, a hand
+    could hit it.
+    """
+    local = np.stack([exact_math.project(others.T, axis) - start for axis, start in zip(axes.T, middle, strict=True)])
+    local = local[:, (np.abs(local[:2]) <= reach[:, None]).all(axis=0)]
+    if not local.shape[1]:
+        return local
+    local = local[:, np.argsort(local[2], kind="stable")]
+    return np.ascontiguousarray(local[:, np.sort(last_in_cells(local[0], local[1], cell))])
+
+
+def last_in_cells(x: FloatArray, y: FloatArray, cell: float) -> NDArray[np.int64]:
+    """Indices of the last point in each square cell of the plane: the highest, of points in rising height."""
+    key, _ = cells(x, y, cell)
+    last = np.full(int(key.max()) + 1, -1, dtype=np.int64)
+    last[key] = np.arange(len(key))
+    return last[last >= 0]
 
 
 def cells(x: FloatArray, y: FloatArray, cell: float) -> tuple[IntArray, int]:

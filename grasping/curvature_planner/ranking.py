@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.curvature_planner.approach_view import ApproachView
-from grasping.curvature_planner.contact_refinement import Contacts, refine
+from grasping.curvature_planner.contact_refinement import Contacts, measured, refine
 from grasping.curvature_planner.finger_scan import Candidates
 from grasping.curvature_planner.grasp_clusters import SAG, RefinedCandidates, cluster, to_either_side
 from grasping.curvature_planner.line_of_sight import doubt
 from grasping.curvature_planner.scoring import (
+    ASSUMED,
     FAR_FROM_CENTRE,
     WEIGHTS,
     best_unlike,
@@ -33,6 +34,8 @@ PARALLEL = math.radians(5)  # a contact turned by less than this against the pad
 BLUR = 0.15  # rad, by which the scan's resolution blurs angles
 LEAST_CONTACT = 0.3  # share of a pad's width
 LEAST_AREA = 30e-6  # m² of either pad
+LEAST_MEASURED, LEAST_BREADTH = 8, 0.004  # points between the pads, and m across them, where others are only assumed
+BLIND = 0.1  # of a finger's way was seen: with less it goes in blind, which is done only where nothing else holds
 WAY_ACROSS = (-0.4, 0.0, 0.4)  # of a pad's width, where the way of a finger is looked at
 WAY_OUTWARD = (0.25, 0.75)  # likewise, of the room that it needs
 WAY_LEVELS, COARSE_LEVELS = 4, 2  # from the tips up, evenly below the object's top
@@ -64,6 +67,7 @@ class Rules:
     reach: float  # from the tips to the palm
     friction: float
     least_overlap: float = LEAST_OVERLAP
+    least_reach: float = 0.0  # of what was measured between the pads, where others are only assumed
     far_from_centre: float = FAR_FROM_CENTRE  # at which the term "centre" is 0
     weight_of_centre: float = WEIGHTS["centre"]
 
@@ -87,20 +91,14 @@ class Rules:
 class Ranked:
     """M candidates, or of each that was looked at the first thing that speaks against it.
 
-    terms: (M,) each; those of the score, and `opening`: to come in with, m. score: (M,), not in its order.
+    terms: (M,) each; those of the score; `opening`: to come in with, m; `assumed`: of the width what no measured point
+    stands for, m. score: (M,), not in its order.
     """
 
     contacts: Contacts
     terms: Terms
     score: FloatArray
     problems: list[str]
-
-    def those(self, kept: NDArray[np.bool_]) -> Ranked:
-        """Those of the candidates (M,), or that each would touch almost nothing."""
-        contacts = {name: getattr(self.contacts, name)[kept] for name in Contacts.__dataclass_fields__}
-        terms = {name: values[kept] for name, values in self.terms.items()}
-        problems = [] if kept.any() else [TOUCHES_NOTHING] * len(kept)
-        return Ranked(Contacts(**contacts), terms, self.score[kept], problems)
 
 
 def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
@@ -122,7 +120,29 @@ def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
     middles = _try(view, clusters.candidates.take(leading), clusters.whole[leading], rules)
     centred = np.flatnonzero(middles.score >= best.score[leading] - SAG)
     kept = middles.take(centred).and_also(best.take(np.setdiff1d(np.arange(len(clusters.best)), centred)))
-    return Ranked(kept.contacts, _terms(view, kept.contacts, kept.whole, rules), kept.score, [])
+    return _held_by_what_was_seen(view, kept, rules)
+
+
+def _held_by_what_was_seen(view: ApproachView, found: RefinedCandidates, rules: Rules) -> Ranked:
+    """Those between whose pads enough was measured, and none with a blind finger where there are others.
+
+    What is only assumed costs.
+    """
+    contacts, score = found.contacts, found.score
+    terms = {**_terms(view, contacts, found.whole, rules), "assumed": np.zeros(len(score))}
+    kept = terms["seen"] >= BLIND
+    if not kept.any():
+        kept[:] = True
+    looked_at = int(np.count_nonzero(kept))
+    if view.measured is not None:
+        number, reach, breadth = measured(view.measured, view.axes, view.origin, contacts, rules.pad_width)
+        terms["assumed"] = np.maximum(contacts.width - reach, 0.0)
+        score = score * (1.0 - ASSUMED * (terms["assumed"] / contacts.width))
+        kept &= (number >= LEAST_MEASURED) & (breadth >= LEAST_BREADTH) & (reach >= rules.least_reach)
+    index = np.flatnonzero(kept)
+    problems = [] if len(index) else [TOUCHES_NOTHING] * looked_at
+    terms = {name: values[index] for name, values in terms.items()} if len(index) else {}
+    return Ranked(found.take(index).contacts, terms, score[index], problems)
 
 
 def _try(view: ApproachView, candidates: Candidates, whole: FloatArray, rules: Rules) -> RefinedCandidates:
@@ -203,7 +223,7 @@ def _seen_share(
         return np.ones(len(width))
     cos, sin = exact_math.cos(held.heading), exact_math.sin(held.heading)
     above = view.points[2, -1] - held.tip
-    shares = []
+    shares, sight = [], view.sight.within(view.axes, view.origin)
     for side in (1.0, -1.0):
         seen = np.zeros(len(width), dtype=np.int64)
         for outward in WAY_OUTWARD:
@@ -212,6 +232,6 @@ def _seen_share(
                 v = line * rules.pad_width
                 x, y = (held.x + cos * u) - sin * v, (held.y + sin * u) + cos * v
                 for level in range(levels):
-                    seen += 2 - doubt(view.sight, x, y, held.tip + above * (level / levels))
+                    seen += 2 - doubt(sight, x, y, held.tip + above * (level / levels))
         shares.append(seen / (2 * len(WAY_OUTWARD) * levels * len(across)))
     return np.minimum(*shares)

@@ -9,8 +9,9 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.curvature_planner.approach_view import ApproachView, last_in_cells
+from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.finger_scan import Candidates
+from grasping.curvature_planner.projection import last_in_cells
 from grasping.geometry.primitives import FLAT, all_alike, primitive_by_share
 from grasping.geometry.surface_variation import variation_among
 from grasping.grasp import RegionReport
@@ -37,10 +38,9 @@ class ObjectReport:
 
     def regions_at(self, points: FloatArray) -> list[int | None]:
         """Index of the smallest region whose footprint holds each of the points (M, 3) of the cloud's frame, if any."""
-        area = (self.high - self.low).prod(axis=1).tolist()
-        low, high = self.low.tolist(), self.high.tolist()
-        smallest_first = sorted(range(len(area)), key=area.__getitem__)
-        footprints = [(i, *low[i], *high[i]) for i in smallest_first]
+        corners = np.column_stack([self.low, self.high]).tolist()
+        area = [(x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in corners]
+        footprints = [(i, *corners[i]) for i in sorted(range(len(area)), key=area.__getitem__)]
         return [
             next((i for i, x0, y0, x1, y1 in footprints if x0 <= x <= x1 and y0 <= y <= y1), None)
             for x, y, _ in ((points - self.view.origin) @ self.view.axes).tolist()
@@ -72,7 +72,7 @@ class RegionMeasures:
 
 def report_regions(view: ApproachView, measures: RegionMeasures, greatest_width: float) -> ObjectReport:
     """The report on each part. It is a "candidate" where the scan found one whose centre lies in it."""
-    in_cloud = view.origin + view.points.T[measures.order] @ view.axes.T
+    in_cloud = view.origin + view.points.take(measures.order, axis=1).T @ view.axes.T
     widths = (measures.high[:, 0] - measures.low[:, 0]).tolist()
     regions = []
     for row, width, curvature in zip(measures.table.tolist(), widths, measures.curvature.tolist(), strict=True):

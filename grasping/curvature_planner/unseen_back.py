@@ -6,7 +6,7 @@ through the middle of what was seen, or as far behind that as a body as deep as 
 place from which hardly anything of the turned surface would have been seen in front of what was. What is hidden between
 surfaces, seen or assumed, is inside.
 
-`assume_back` is the reference of its compiled twin, which repeats its arithmetic.
+`with_its_back` is the reference of its compiled twin, which repeats its arithmetic.
 """
 
 from __future__ import annotations
@@ -34,7 +34,35 @@ FILLED = 0.0075  # m between the places that stand for the inside: closer than a
 ABOVE = 0.2  # of the way to the object that a camera must be level with it: from above there is no back
 
 
-def assume_back(
+def with_its_back(cloud: FloatArray, up: FloatArray, floor: float, cell: float, sight: Sight) -> FloatArray:
+    """A cloud (3, N) and what is assumed of its far side and its inside (3, M), if it was seen from a side.
+
+    floor: height along `up` of what it stands on, m. cell: of the map that is turned, m, or an image's pixel there.
+    """
+    if not len(sight.lenses):
+        return cloud
+    eye = [exact_math.total(row) / len(sight.viewpoints) for row in sight.viewpoints.T]
+    low, high = cloud.min(axis=1).tolist(), cloud.max(axis=1).tolist()
+    along = [0.5 * (a + b) - c for a, b, c in zip(low, high, eye, strict=True)]
+    upward = up.tolist()
+    distance, sinking = math.sqrt(_dot(along, along)), _dot(along, upward)
+    level = [a - sinking * u for a, u in zip(along, upward, strict=True)]
+    size = math.sqrt(_dot(level, level))
+    if size <= ABOVE * distance:
+        return cloud
+    (b0, b1, b2), (u0, u1, u2) = (each / size for each in level), upward
+    axes = np.array([[b1 * u2 - b2 * u1, b0, u0], [b2 * u0 - b0 * u2, b1, u1], [b0 * u1 - b1 * u0, b2, u2]])
+    cell = max(cell, distance / float(sight.lenses[:, 14].min()))
+    image_up = (-sinking / distance, size / distance)
+    found = _assume_back(cloud, axes, floor, image_up, cell, sight.within(axes, np.zeros(3))).T
+    return np.concatenate([cloud, [exact_math.project(found, row) for row in axes]], axis=1) if found.size else cloud
+
+
+def _dot(a: list[float], b: list[float]) -> float:
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
+def _assume_back(
     cloud: FloatArray, axes: FloatArray, floor: float, image_up: tuple[float, float], cell: float, sight: Sight
 ) -> FloatArray:
     """Places (M, 3), along the axes, of an assumed surface and of what is inside.

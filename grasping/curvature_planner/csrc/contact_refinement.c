@@ -1,4 +1,4 @@
-/* contacts.refine: holds looked at closely, on all points. */
+/* contact_refinement.refine: holds looked at closely, on all points. */
 #include "planner.h"
 
 #include <math.h>
@@ -35,16 +35,22 @@ typedef struct {
     ptrdiff_t count;
 } Strip;
 
-static void gather(Strip *strip, Points points, const Axis *axis, double half, double reach)
+/* Of the points those above the tip and between the pads. */
+static void gather(
+    Strip *strip, const FootprintGrid *grid, const Axis *axis, double x, double y, double tip, double half, double reach)
 {
+    const Points points = grid->points;
+    Span spans[MOST_LINES];
+    const int lines = spans_in(grid, x, y, axis->cosine, axis->sine, -reach, reach, half, spans);
     ptrdiff_t count = 0;
-    for (ptrdiff_t i = 0; i < points.count; i++) { /* written always and kept sometimes: a branch would be guessed wrong */
-        const double u = along(axis, points.x[i], points.y[i]), v = across(axis, points.x[i], points.y[i]);
-        strip->u[count] = u;
-        strip->v[count] = v;
-        strip->height[count] = points.height[i];
-        count += (fabs(v) <= half) & (fabs(u) <= reach);
-    }
+    for (int line = 0; line < lines; line++)
+        for (ptrdiff_t i = spans[line].first; i < spans[line].stop; i++) {
+            const double u = along(axis, points.x[i], points.y[i]), v = across(axis, points.x[i], points.y[i]);
+            strip->u[count] = u; /* written always and kept sometimes: a branch would be guessed wrong */
+            strip->v[count] = v;
+            strip->height[count] = points.height[i];
+            count += (fabs(v) <= half) & (fabs(u) <= reach) & (points.height[i] > tip);
+        }
     strip->count = count;
 }
 
@@ -144,65 +150,47 @@ static double overlap(const Strip *strip, double tip, const double outer[2])
 
 /* Free space beside start … end from `nearest` on; 0 where anything in between is higher than the palm. */
 static double gap(
-    Points points, const Axis *axis, double half, double start, double end, double nearest, double palm, double most)
+    const FootprintGrid *grid, const Axis *axis, double x, double y, double tip, double half, double start, double end,
+    double nearest, double palm, double most)
 {
     const double middle = 0.5 * (start + end), half_width = 0.5 * (end - start);
-    for (ptrdiff_t i = 0; i < points.count; i++) {
-        const double distance = fabs(along(axis, points.x[i], points.y[i]) - middle) - half_width;
-        const int beside = distance < most && distance >= nearest, under = distance < 0.0 && points.height[i] > palm;
-        if ((beside || under) && fabs(across(axis, points.x[i], points.y[i])) <= half + BESIDE)
-            most = under ? 0.0 : distance;
-    }
+    const Points points = grid->points;
+    Span spans[MOST_LINES];
+    const int lines =
+        spans_in(grid, x, y, axis->cosine, axis->sine, start - most, end + most, half + BESIDE, spans);
+    for (int line = 0; line < lines; line++)
+        for (ptrdiff_t i = spans[line].first; i < spans[line].stop; i++) {
+            const double distance = fabs(along(axis, points.x[i], points.y[i]) - middle) - half_width;
+            const int beside = distance < most && distance >= nearest, under = distance < 0.0 && points.height[i] > palm;
+            if ((beside || under) && points.height[i] > tip &&
+                fabs(across(axis, points.x[i], points.y[i])) <= half + BESIDE)
+                most = under ? 0.0 : distance;
+        }
     return most;
 }
 
-/* Of the points those above the tip and near enough to matter, copied to `into` (3, count). */
-static Points near_points(Points points, double x, double y, double tip, double far, double *into)
-{
-    double *to_x = into, *to_y = into + points.count, *to_height = into + 2 * points.count;
-    ptrdiff_t count = 0, first = 0;
-    for (ptrdiff_t behind = points.count; first < behind;) { /* they are in rising height */
-        const ptrdiff_t middle = (first + behind) / 2;
-        if (points.height[middle] > tip)
-            behind = middle;
-        else
-            first = middle + 1;
-    }
-    for (ptrdiff_t i = first; i < points.count; i++) {
-        to_x[count] = points.x[i];
-        to_y[count] = points.y[i];
-        to_height[count] = points.height[i];
-        count += (fabs(points.x[i] - x) < far) & (fabs(points.y[i] - y) < far);
-    }
-    return (Points){to_x, to_y, to_height, count};
-}
-
 int refine_holds(
-    Points object, Points others, const double *heading, const double *x, const double *y, const double *tip,
-    const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach, double *contacts)
+    const FootprintGrid *object, const FootprintGrid *others, const double *heading, const double *x, const double *y,
+    const double *tip, const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach,
+    double *contacts)
 {
-    const ptrdiff_t most = object.count > others.count ? object.count : others.count;
-    if ((size_t)most > SIZE_MAX / (6 * sizeof(double)) - 1)
-        return OUT_OF_MEMORY;
-    double *memory = malloc(6 * sizeof(double) * ((size_t)most + 1));
+    const size_t most = (size_t)object->points.count + 1; /* one more than are kept is written */
+    double *memory = malloc(3 * sizeof(double) * most);
     if (!memory)
         return OUT_OF_MEMORY;
-    double *spare = memory + 3 * (most + 1);
-    Strip strip = {spare, spare + most + 1, spare + 2 * (most + 1), 0};
+    Strip strip = {memory, memory + most, memory + 2 * most, 0};
     const double half = 0.5 * pad_width;
     for (ptrdiff_t i = 0; i < count; i++) {
         const double search = 0.5 * width[i] + SEARCH;
-        /* Farther than this nothing matters: a hold moves by at most `search` in each of its steps, and is then looked
-         * at over that and half its width, or the free space that is wished for. */
-        const double far = (STEPS + 2) * search + half + BESIDE + wished_room;
-        const Points near = near_points(object, x[i], y[i], tip[i], far, memory);
-        double turned = heading[i], at_x = x[i], at_y = y[i];
+        double turned = heading[i], at_x = x[i], at_y = y[i], from_x, from_y;
         Axis axis = axis_of(turned, at_x, at_y);
         Contour contour;
         double slopes[2], outer[2], start, end;
         int empty;
         for (int step = 0;; step++) {
-            gather(&strip, near, &axis, half, search);
+            from_x = at_x;
+            from_y = at_y;
+            gather(&strip, object, &axis, from_x, from_y, tip[i], half, search);
             contour = draw_contour(&strip, half);
             slopes[0] = slope(contour.least[0], pad_width);
             slopes[1] = -slope(contour.least[1], pad_width);
@@ -233,9 +221,10 @@ int refine_holds(
         to[CONTACT_SHARE * count] = other < one ? other : one;
         to[CONTACT_OVERLAP * count] = empty ? 0.0 : overlap(&strip, tip[i], outer);
         /* What is nearer to the object than TOUCHING belongs to the contact itself. */
-        const double free_space = gap(near, &axis, half, start, end, TOUCHING, INFINITY, wished_room);
-        to[CONTACT_GAP * count] = gap(near_points(others, x[i], y[i], tip[i], far, memory), &axis, half, start, end, 0.0,
-                                      tip[i] + reach, free_space);
+        const double free_space = gap(object, &axis, from_x, from_y, tip[i], half, start, end, TOUCHING, INFINITY,
+                                      wished_room);
+        to[CONTACT_GAP * count] = gap(others, &axis, from_x, from_y, tip[i], half, start, end, 0.0, tip[i] + reach,
+                                      free_space);
         double thickest = -INFINITY;
         for (int row = 0; row < CONTOUR_ROWS; row++)
             thickest = greatest(thickest, -contour.least[1][row] - contour.least[0][row]);
@@ -246,18 +235,33 @@ int refine_holds(
     return 0;
 }
 
-void measured_between(
-    Points seen, const double *holds, ptrdiff_t count, double pad_width, double *numbers, double *along_it,
+int measured_between(
+    Points seen, const double axes[9], const double origin[3], const double *heading, const double *x, const double *y,
+    const double *tip, const double *width, ptrdiff_t count, double pad_width, double *numbers, double *along_it,
     double *across_it)
 {
-    const double *heading = holds, *x = holds + count, *y = x + count, *tip = y + count, *width = tip + count;
+    if ((size_t)seen.count > SIZE_MAX / (3 * sizeof(double)) - 1)
+        return OUT_OF_MEMORY;
+    double *local = malloc((size_t)(seen.count + 1) * 3 * sizeof(double));
+    if (!local)
+        return OUT_OF_MEMORY;
+    const Points from = {origin, origin + 1, origin + 2, 1};
+    for (int axis = 0; axis < 3; axis++) {
+        const double start = project_point(from, 0, axes, axis);
+        for (ptrdiff_t i = 0; i < seen.count; i++)
+            local[axis * seen.count + i] = project_point(seen, i, axes, axis) - start;
+    }
+    seen = (Points){local, local + seen.count, local + 2 * seen.count, seen.count};
     for (ptrdiff_t hold = 0; hold < count; hold++) {
         const Axis axis = axis_of(heading[hold], x[hold], y[hold]);
         const double half = 0.5 * width[hold] + HAIR;
         double first = INFINITY, last = -INFINITY, left = INFINITY, right = -INFINITY, number = 0.0;
         for (ptrdiff_t i = 0; i < seen.count; i++) {
-            const double u = along(&axis, seen.x[i], seen.y[i]), v = across(&axis, seen.x[i], seen.y[i]);
-            if (!((fabs(v) <= 0.5 * pad_width) & (fabs(u) <= half) & (seen.height[i] > tip[hold])))
+            const double v = across(&axis, seen.x[i], seen.y[i]);
+            if (!(fabs(v) <= 0.5 * pad_width))
+                continue;
+            const double u = along(&axis, seen.x[i], seen.y[i]);
+            if (!((fabs(u) <= half) & (seen.height[i] > tip[hold])))
                 continue;
             first = least(first, u);
             last = greatest(last, u);
@@ -269,4 +273,6 @@ void measured_between(
         along_it[hold] = number > 0.0 ? last - first : 0.0;
         across_it[hold] = number > 0.0 ? right - left : 0.0;
     }
+    free(local);
+    return 0;
 }

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 static const double X_STEP = 0.003;
+static const double MOST_GAIN = 0.031; /* m of a run's cost, and somewhat more, that overlap and room may save */
 enum { ROWS = 3 };
 
 /* A map of heights turned by one heading, with one more column and line on either side for what lies outside. */
@@ -13,15 +14,21 @@ typedef struct {
     ptrdiff_t lines, columns; /* without the margins */
 } Map;
 
-/* Bins start … end of a line, between two places where a finger stands free, and its place among all of them. */
+/* What a run is ordered by: its cost, and its place in the order in which the reference lists them. */
 typedef struct {
     double cost;
     ptrdiff_t several, tip, line, start;
-    double terms[HOLD_TERMS];
+} Rank;
+
+/* Bins start … end of a line, between two places where a finger stands free. */
+typedef struct {
+    Rank rank;
+    double terms[HOLD_TERMS], slopes[2]; /* of the two contours, of which the angle is made in the end */
 } Run;
 
 typedef struct {
-    Run runs[MEASURED]; /* a heap, the worst on top */
+    Run runs[MEASURED];
+    Run *heap[MEASURED]; /* the worst on top */
     ptrdiff_t count;
 } Best;
 
@@ -60,8 +67,7 @@ static void band(Map map, ptrdiff_t line, ptrdiff_t from, ptrdiff_t to, float *o
         out[i] = highest(highest(first[i], second[i]), third[i]);
 }
 
-/* Whether `a` comes after `b` in the order in which the reference lists its runs. */
-static int listed_later(const Run *a, const Run *b)
+static int listed_later(const Rank *a, const Rank *b)
 {
     if (a->several != b->several)
         return a->several > b->several;
@@ -72,41 +78,44 @@ static int listed_later(const Run *a, const Run *b)
     return a->start > b->start;
 }
 
-static int worse(const Run *a, const Run *b)
+static int worse(const Rank *a, const Rank *b)
 {
     return a->cost > b->cost || (a->cost == b->cost && listed_later(a, b));
 }
 
-static int by_list(const void *a, const void *b) { return listed_later(a, b) - listed_later(b, a); }
-
-static void sink(Best *best, ptrdiff_t at, Run run)
+static int by_list(const void *a, const void *b)
 {
-    for (ptrdiff_t child; (child = 2 * at + 1) < best->count; at = child) {
-        if (child + 1 < best->count && worse(&best->runs[child + 1], &best->runs[child]))
-            child++;
-        if (!worse(&best->runs[child], &run))
-            break;
-        best->runs[at] = best->runs[child];
-    }
-    best->runs[at] = run;
+    const Rank *one = &(*(Run *const *)a)->rank, *other = &(*(Run *const *)b)->rank;
+    return listed_later(one, other) - listed_later(other, one);
 }
 
 /* Whether a run of this rank is among the best so far. */
-static int welcome(const Best *best, const Run *run)
+static int welcome(const Best *best, const Rank *rank)
 {
-    return best->count < MEASURED || worse(&best->runs[0], run);
+    return best->count < MEASURED || worse(&best->heap[0]->rank, rank);
 }
 
-static void keep(Best *best, const Run *run)
+/* The place of a run that is welcome, in that of the worst one where all are taken. */
+static Run *place_for(Best *best, const Rank *rank)
 {
+    ptrdiff_t at = 0;
+    Run *own = best->heap[0];
     if (best->count == MEASURED) {
-        sink(best, 0, *run);
-        return;
+        for (ptrdiff_t child; (child = 2 * at + 1) < best->count; at = child) {
+            if (child + 1 < best->count && worse(&best->heap[child + 1]->rank, &best->heap[child]->rank))
+                child++;
+            if (!worse(&best->heap[child]->rank, rank))
+                break;
+            best->heap[at] = best->heap[child];
+        }
+    } else {
+        own = &best->runs[best->count];
+        for (at = best->count++; at > 0 && worse(rank, &best->heap[(at - 1) / 2]->rank); at = (at - 1) / 2)
+            best->heap[at] = best->heap[(at - 1) / 2];
     }
-    ptrdiff_t at = best->count++;
-    for (; at > 0 && worse(run, &best->runs[(at - 1) / 2]); at = (at - 1) / 2)
-        best->runs[at] = best->runs[(at - 1) / 2];
-    best->runs[at] = *run;
+    best->heap[at] = own;
+    own->rank = *rank;
+    return own;
 }
 
 /* Slope of the contour over the outer rows under the pad; over the half that is there where one is missing. */
@@ -121,8 +130,8 @@ static double slope(const ptrdiff_t position[ROWS], const int present[ROWS], dou
     return present[0] && present[1] ? (x1 - x0) / row : 0.0;
 }
 
-/* The angle between the two contours of a run and the pads, the worse side after the best turn. */
-static double worse_angle(Map map, ptrdiff_t line, ptrdiff_t start, ptrdiff_t end, float level, double row)
+/* Slopes of the two contours of a run. */
+static void contours(Map map, ptrdiff_t line, ptrdiff_t start, ptrdiff_t end, float level, double row, double slopes[2])
 {
     ptrdiff_t first[ROWS], last[ROWS];
     int present[ROWS];
@@ -137,9 +146,15 @@ static double worse_angle(Map map, ptrdiff_t line, ptrdiff_t start, ptrdiff_t en
         first[i] = a;
         last[i] = b;
     }
-    const double left = slope(first, present, row), right = slope(last, present, row);
-    const double turn = atan(0.5 * (left + right));
-    const double one = fabs(atan(left) - turn), other = fabs(atan(right) - turn);
+    slopes[0] = slope(first, present, row);
+    slopes[1] = slope(last, present, row);
+}
+
+/* The angle between two contours and the pads, the worse side after the best turn. */
+static double worse_angle(const double slopes[2])
+{
+    const double turn = atan(0.5 * (slopes[0] + slopes[1]));
+    const double one = fabs(atan(slopes[0]) - turn), other = fabs(atan(slopes[1]) - turn);
     return other > one ? other : one;
 }
 
@@ -176,42 +191,39 @@ static void add_run(const Line *at, ptrdiff_t tip, ptrdiff_t start, ptrdiff_t en
         at->result->narrowest = least(at->result->narrowest, width);
         return;
     }
-    const float level = (float)height;
-    ptrdiff_t free_bins = 0;
-    for (ptrdiff_t bins = settings->finger + 1; bins <= settings->wished; bins++, free_bins++) {
-        const float *wall = at->walls + settings->wished;
-        if (!(highest(wall[start - bins], wall[end + bins]) <= level))
-            break;
-    }
-    const ptrdiff_t spare = settings->wished - settings->finger;
-    const double room = (double)free_bins / (double)(spare > 1 ? spare : 1);
-    const double along = (0.5 * (double)(start + end + 1 - at->map.columns)) * X_STEP;
     const ptrdiff_t lines = at->map.lines - 2;
+    const double along = (0.5 * (double)(start + end + 1 - at->map.columns)) * X_STEP;
     const double across = ((double)at->line + 0.5 - 0.5 * (double)lines) * at->row;
     const double cosine = settings->cosines[at->heading], sine = settings->sines[at->heading];
     const double x = cosine * along - sine * across, y = sine * along + cosine * across;
-    const float *bands = at->bands;
+    const double dx = x - settings->centre_x, dy = y - settings->centre_y;
+    double cost = sqrt(dx * dx + dy * dy) + (0.3 * (double)(end - start)) * X_STEP;
+    if (at->best->count == MEASURED && cost - MOST_GAIN > at->best->heap[0]->rank.cost)
+        return;
+    const float level = (float)height, *bands = at->bands, *wall = at->walls + settings->wished;
+    ptrdiff_t free_bins = 0;
+    for (ptrdiff_t bins = settings->finger + 1; bins <= settings->wished; bins++, free_bins++)
+        if (!(highest(wall[start - bins], wall[end + bins]) <= level))
+            break;
+    const ptrdiff_t spare = settings->wished - settings->finger;
+    const double room = (double)free_bins / (double)(spare > 1 ? spare : 1);
     const float first = highest(bands[start], bands[start + 1 < end ? start + 1 : end]);
     const float last = highest(bands[end], bands[end - 1 > start ? end - 1 : start]);
     const double overlap = (double)(last < first ? last : first) - height;
-    const double dx = x - settings->centre_x, dy = y - settings->centre_y;
-    double cost = sqrt(dx * dx + dy * dy) + (0.3 * (double)(end - start)) * X_STEP;
     cost -= (0.02 * least(overlap, 0.03)) / 0.03 + 0.01 * room;
-    Run run = {cost, several, tip, at->heading * lines + at->line, start, {0}};
-    if (!welcome(at->best, &run))
+    const Rank rank = {cost, several, tip, at->heading * lines + at->line, start};
+    if (!welcome(at->best, &rank) || is_under(at, start, end, (float)(height + settings->reach)))
         return;
-    if (is_under(at, start, end, (float)(height + settings->reach)))
-        return;
-    run.terms[HOLD_HEADING] = settings->headings[at->heading];
-    run.terms[HOLD_X] = x;
-    run.terms[HOLD_Y] = y;
-    run.terms[HOLD_TIP] = height;
-    run.terms[HOLD_WIDTH] = width;
-    run.terms[HOLD_OVERLAP] = overlap;
-    run.terms[HOLD_ANGLE] = worse_angle(at->map, at->line, start, end, level, at->row);
-    run.terms[HOLD_ROOM] = room;
-    run.terms[HOLD_WHOLE] = whole;
-    keep(at->best, &run);
+    Run *run = place_for(at->best, &rank);
+    run->terms[HOLD_HEADING] = settings->headings[at->heading];
+    run->terms[HOLD_X] = x;
+    run->terms[HOLD_Y] = y;
+    run->terms[HOLD_TIP] = height;
+    run->terms[HOLD_WIDTH] = width;
+    run->terms[HOLD_OVERLAP] = overlap;
+    contours(at->map, at->line, start, end, level, at->row, run->slopes);
+    run->terms[HOLD_ROOM] = room;
+    run->terms[HOLD_WHOLE] = whole;
 }
 
 /* Pair free places with free places: with the next one (a part of the object) and with the last one (all of it). */
@@ -324,10 +336,12 @@ int scan_holds(Points object, Points others, const ScanSettings *settings, doubl
             for (at.line = 0; at.line < ny - 2; at.line++)
                 scan_line(&at, around, lowest);
         }
-        qsort(best->runs, (size_t)best->count, sizeof(Run), by_list);
-        for (ptrdiff_t i = 0; i < best->count; i++)
+        qsort(best->heap, (size_t)best->count, sizeof(Run *), by_list);
+        for (ptrdiff_t i = 0; i < best->count; i++) {
+            best->heap[i]->terms[HOLD_ANGLE] = worse_angle(best->heap[i]->slopes);
             for (int term = 0; term < HOLD_TERMS; term++)
-                holds[term * MEASURED + i] = best->runs[i].terms[term];
+                holds[term * MEASURED + i] = best->heap[i]->terms[term];
+        }
         result->count = best->count;
     }
     const int failed = !(memory && bins && best);

@@ -2,6 +2,7 @@
 #include "planner.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { COARSER = 3, TOGETHER = 7 };
@@ -43,19 +44,26 @@ static void towards(const double forward[3], double turn[9])
     memcpy(turn, rows, sizeof(rows));
 }
 
-/* Where a point is in an image at depth 1, and its depth. */
+/* Where a point is in an image at depth 1, its depth and its pixel. */
 typedef struct {
     double x, y, z;
+    ptrdiff_t pixel;
 } Place;
 
-static Place seen_from(Points points, ptrdiff_t i, const double turn[9], const double eye[3])
+/* Where a camera looks at points: along the third row of `turn`. */
+typedef struct {
+    double turn[9], eye[3], edges[3];
+} Camera;
+
+/* A place in the camera's frame, not yet divided by its depth. */
+static Place in_front(const Camera *camera, double x, double y, double z)
 {
-    const double x = points.x[i] - eye[0], y = points.y[i] - eye[1], z = points.height[i] - eye[2];
-    Place place = {(turn[0] * x + turn[1] * y) + turn[2] * z, (turn[3] * x + turn[4] * y) + turn[5] * z,
-                   (turn[6] * x + turn[7] * y) + turn[8] * z};
-    place.x /= place.z;
-    place.y /= place.z;
-    return place;
+    const double *turn = camera->turn;
+    x -= camera->eye[0];
+    y -= camera->eye[1];
+    z -= camera->eye[2];
+    return (Place){(turn[0] * x + turn[1] * y) + turn[2] * z, (turn[3] * x + turn[4] * y) + turn[5] * z,
+                   (turn[6] * x + turn[7] * y) + turn[8] * z, -1};
 }
 
 /* Index of the pixel of a place in the image, −1 outside of it. */
@@ -67,124 +75,179 @@ static ptrdiff_t pixel_of(double x, double y, const double edges[3])
     return (ptrdiff_t)row * SIGHT_PIXELS + (ptrdiff_t)column;
 }
 
-static void draw(Points points, const double turn[9], const double eye[3], const double edges[3], double *depth)
+/* The pixels of points (count, 3) among which most may be far outside of the image: those are not even divided. */
+typedef struct {
+    const Camera *camera;
+    double left, right, top, bottom; /* somewhat beyond the image's edges */
+} Frame;
+
+static Frame frame_of(const Camera *camera)
 {
-    for (ptrdiff_t i = 0; i < points.count; i++) {
-        const Place place = seen_from(points, i, turn, eye);
-        const ptrdiff_t pixel = place.z > NEAREST ? pixel_of(place.x, place.y, edges) : -1;
-        if (pixel >= 0)
-            depth[pixel] = least(depth[pixel], place.z);
-    }
+    const double size = 1.0 / camera->edges[2], left = camera->edges[0], top = camera->edges[1];
+    return (Frame){camera, left - size, left + (SIGHT_PIXELS + 1) * size, top - size, top + (SIGHT_PIXELS + 1) * size};
 }
 
-static void clear(double *depth)
+static ptrdiff_t pixel_in(const Frame *frame, const double point[3], double *depth)
 {
-    for (ptrdiff_t i = 0; i < SIGHT_PIXELS * SIGHT_PIXELS; i++)
-        depth[i] = INFINITY;
+    const Place place = in_front(frame->camera, point[0], point[1], point[2]);
+    *depth = place.z;
+    if (!(place.z > NEAREST && place.x > frame->left * place.z && place.x < frame->right * place.z &&
+          place.y > frame->top * place.z && place.y < frame->bottom * place.z))
+        return -1;
+    return pixel_of(place.x / place.z, place.y / place.z, frame->camera->edges);
 }
 
-/* Close single pixels without a surface between two with one. before: the last row as it was, and the one that is. */
-static void close_gaps(double *depth)
-{
-    double before[SIGHT_PIXELS], own[SIGHT_PIXELS];
-    for (ptrdiff_t column = 0; column < SIGHT_PIXELS; column++)
-        before[column] = INFINITY;
-    for (ptrdiff_t row = 0; row < SIGHT_PIXELS; row++) {
-        double *line = depth + row * SIGHT_PIXELS;
-        memcpy(own, line, sizeof(own));
-        for (ptrdiff_t column = 0; column < SIGHT_PIXELS; column++) {
-            if (own[column] < INFINITY)
-                continue;
-            double across = INFINITY, down = INFINITY;
-            if (column > 0 && column + 1 < SIGHT_PIXELS)
-                across = greatest(own[column - 1], own[column + 1]);
-            if (row > 0 && row + 1 < SIGHT_PIXELS)
-                down = greatest(before[column], line[SIGHT_PIXELS + column]);
-            line[column] = across < INFINITY ? across : down;
-        }
-        memcpy(before, own, sizeof(own));
-    }
-}
+/* Whether a surface is in each pixel, with a margin of none around the image. */
+enum { STRIDE = SIGHT_PIXELS + 2 };
+typedef uint8_t Taken[STRIDE * STRIDE];
+
+static uint8_t *taken_in_row(Taken taken, ptrdiff_t row) { return taken + (row + 1) * STRIDE + 1; }
 
 /* Whether taken pixels have enough others within two pixels to the right and below to be a surface. */
-static int hangs_together(const double *depth)
+static int hangs_together(Taken taken)
 {
-    ptrdiff_t taken = 0, neighbours = 0;
+    ptrdiff_t all = 0, neighbours = 0;
     for (ptrdiff_t row = 0; row + 2 < SIGHT_PIXELS; row++) { /* around the object there is room */
-        const double *line = depth + row * SIGHT_PIXELS, *below = line + SIGHT_PIXELS, *farther = below + SIGHT_PIXELS;
+        const uint8_t *own = taken_in_row(taken, row), *below = own + STRIDE, *farther = below + STRIDE;
+        uint8_t number = 0, beside = 0; /* at most twice the pixels of a row */
         for (ptrdiff_t i = 0; i + 2 < SIGHT_PIXELS; i++) {
-            if (!(line[i] < INFINITY))
-                continue;
-            taken++;
-            neighbours += line[i + 1] < INFINITY || line[i + 2] < INFINITY;
-            neighbours += below[i] < INFINITY || farther[i] < INFINITY;
+            number += own[i];
+            beside += (own[i] & (own[i + 1] | own[i + 2])) + (own[i] & (below[i] | farther[i]));
         }
+        all += number;
+        neighbours += beside;
     }
-    return 5 * neighbours >= TOGETHER * taken;
+    return 5 * neighbours >= TOGETHER * all;
 }
 
-double look_from(Points cloud, Points others, Points unseen, const double eye[3], double lens[LENS], double *depth)
+/* Close single pixels without a surface between two with one, across or else down, by the farther one's depth. */
+static void close_gaps(Taken taken, double *depth)
 {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (ptrdiff_t row = 0; row < SIGHT_PIXELS; row++) {
+        const uint8_t *own = taken_in_row(taken, row), *above = own - STRIDE, *below = own + STRIDE;
+        uint8_t gap[SIGHT_PIXELS], any = 0;
+        for (ptrdiff_t i = 0; i < SIGHT_PIXELS; i++) {
+            gap[i] = (own[i] ^ 1) & ((own[i - 1] & own[i + 1]) | (above[i] & below[i]));
+            any |= gap[i];
+        }
+        double *line = depth + row * SIGHT_PIXELS;
+        for (ptrdiff_t i = 0; any && i < SIGHT_PIXELS; i++)
+            if (gap[i])
+                line[i] = own[i - 1] & own[i + 1] ? greatest(line[i - 1], line[i + 1])
+                                                  : greatest(line[i - SIGHT_PIXELS], line[i + SIGHT_PIXELS]);
+    }
+}
+
+/* Draw places with pixels as coarse as they are sparse; returns the share of them that others hide. */
+static double draw(Place *places, ptrdiff_t count, Camera *camera, const double extent[4], double size, Taken taken,
+                   double *depth)
+{
+    for (int coarser = 0; coarser <= COARSER; coarser++) {
+        camera->edges[0] = 0.5 * (extent[0] + extent[1]) - 0.5 * SIGHT_PIXELS * size;
+        camera->edges[1] = 0.5 * (extent[2] + extent[3]) - 0.5 * SIGHT_PIXELS * size;
+        camera->edges[2] = 1.0 / size;
+        memset(taken, 0, sizeof(Taken));
+        for (ptrdiff_t i = 0; i < count; i++) {
+            const ptrdiff_t pixel = places[i].pixel = pixel_of(places[i].x, places[i].y, camera->edges);
+            if (pixel >= 0)
+                taken_in_row(taken, pixel / SIGHT_PIXELS)[pixel % SIGHT_PIXELS] = 1;
+        }
+        if (hangs_together(taken))
+            break;
+        size *= 2.0;
+    }
+    for (ptrdiff_t i = 0; i < count; i++)
+        if (places[i].pixel >= 0)
+            depth[places[i].pixel] = least(depth[places[i].pixel], places[i].z);
+    ptrdiff_t behind = 0;
+    for (ptrdiff_t i = 0; i < count; i++)
+        behind += places[i].pixel >= 0 && places[i].z > depth[places[i].pixel] + BEHIND_ITSELF;
+    return (double)behind / (double)count;
+}
+
+double look_from(Points cloud, Rows others, Rows unseen, const double eye[3], double lens[LENS], double *depth)
+{
+    Camera camera = {.eye = {eye[0], eye[1], eye[2]}};
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, forward[3];
     const double *rows[3] = {cloud.x, cloud.y, cloud.height};
-    for (int axis = 0; axis < 3; axis++)
+    for (int axis = 0; axis < 3; axis++) {
         for (ptrdiff_t i = 0; i < cloud.count; i++) {
             low[axis] = least(low[axis], rows[axis][i]);
             high[axis] = greatest(high[axis], rows[axis][i]);
         }
-    double forward[3], turn[9];
-    for (int axis = 0; axis < 3; axis++)
         forward[axis] = 0.5 * (low[axis] + high[axis]) - eye[axis];
-    towards(forward, turn);
-    double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY, nearest = INFINITY;
+    }
+    towards(forward, camera.turn);
+    memset(lens, 0, LENS * sizeof(double));
+    for (ptrdiff_t i = 0; i < SIGHT_PIXELS * SIGHT_PIXELS; i++)
+        depth[i] = INFINITY;
+    Place *places = (size_t)cloud.count > SIZE_MAX / sizeof(Place) ? NULL : malloc((size_t)cloud.count * sizeof(Place));
+    if (!places)
+        return OUT_OF_MEMORY;
+    double extent[4] = {INFINITY, -INFINITY, INFINITY, -INFINITY}, nearest = INFINITY;
     ptrdiff_t ahead = 0;
     for (ptrdiff_t i = 0; i < cloud.count; i++) {
-        const Place place = seen_from(cloud, i, turn, eye);
+        Place place = in_front(&camera, cloud.x[i], cloud.y[i], cloud.height[i]);
         if (!(place.z > NEAREST))
             continue;
-        ahead++;
+        place.x /= place.z;
+        place.y /= place.z;
+        places[ahead++] = place;
         nearest = least(nearest, place.z);
-        left = least(left, place.x);
-        right = greatest(right, place.x);
-        top = least(top, place.y);
-        bottom = greatest(bottom, place.y);
+        extent[0] = least(extent[0], place.x);
+        extent[1] = greatest(extent[1], place.x);
+        extent[2] = least(extent[2], place.y);
+        extent[3] = greatest(extent[3], place.y);
     }
-    clear(depth);
-    memset(lens, 0, LENS * sizeof(double));
+    Taken taken;
+    double share = 0.0;
+    if (ahead) {
+        const double size = greatest(extent[1] - extent[0], extent[3] - extent[2]) + 2.0 * AROUND / greatest(nearest, 0.05);
+        share = draw(places, ahead, &camera, extent, size / SIGHT_PIXELS, taken, depth);
+    }
+    free(places);
     if (!ahead)
         return 0.0;
-    double size = (greatest(right - left, bottom - top) + 2.0 * AROUND / greatest(nearest, 0.05)) / SIGHT_PIXELS;
-    double edges[3];
-    for (int coarser = 0; coarser <= COARSER; coarser++) {
-        edges[0] = 0.5 * (left + right) - 0.5 * SIGHT_PIXELS * size;
-        edges[1] = 0.5 * (top + bottom) - 0.5 * SIGHT_PIXELS * size;
-        edges[2] = 1.0 / size;
-        if (coarser)
-            clear(depth);
-        draw(cloud, turn, eye, edges, depth);
-        if (hangs_together(depth))
-            break;
-        size *= 2.0;
+    const Frame frame = frame_of(&camera);
+    for (ptrdiff_t i = 0; i < others.count; i++) {
+        double z;
+        const ptrdiff_t pixel = pixel_in(&frame, others.at + 3 * i, &z);
+        if (pixel < 0)
+            continue;
+        depth[pixel] = least(depth[pixel], z);
+        taken_in_row(taken, pixel / SIGHT_PIXELS)[pixel % SIGHT_PIXELS] = 1;
     }
-    ptrdiff_t behind = 0;
-    for (ptrdiff_t i = 0; i < cloud.count; i++) {
-        const Place place = seen_from(cloud, i, turn, eye);
-        const ptrdiff_t pixel = place.z > NEAREST ? pixel_of(place.x, place.y, edges) : -1;
-        behind += pixel >= 0 && place.z > depth[pixel] + BEHIND_ITSELF;
-    }
-    draw(others, turn, eye, edges, depth);
-    close_gaps(depth);
+    close_gaps(taken, depth);
     for (ptrdiff_t i = 0; i < unseen.count; i++) {
-        const Place place = seen_from(unseen, i, turn, eye);
-        const ptrdiff_t pixel = place.z > NEAREST ? pixel_of(place.x, place.y, edges) : -1;
+        double z;
+        const ptrdiff_t pixel = pixel_in(&frame, unseen.at + 3 * i, &z);
         if (pixel >= 0 && depth[pixel] == INFINITY)
             depth[pixel] = least(HOLE_REACHES - nearest, -NEAREST);
     }
-    memcpy(lens, turn, sizeof(turn));
-    for (int row = 0; row < 3; row++)
-        lens[9 + row] = -((turn[3 * row] * eye[0] + turn[3 * row + 1] * eye[1]) + turn[3 * row + 2] * eye[2]);
-    memcpy(lens + 12, edges, sizeof(edges));
-    return (double)behind / (double)ahead;
+    memcpy(lens, camera.turn, sizeof(camera.turn));
+    for (int row = 0; row < 3; row++) {
+        const double *turn = camera.turn + 3 * row;
+        lens[9 + row] = -((turn[0] * eye[0] + turn[1] * eye[1]) + turn[2] * eye[2]);
+    }
+    memcpy(lens + 12, camera.edges, sizeof(camera.edges));
+    return share;
+}
+
+int turn_sight(const Sight *sight, const double axes[9], const double origin[3], Sight *turned)
+{
+    double *lenses = malloc(((size_t)sight->count * LENS + 1) * sizeof(double));
+    *turned = (Sight){lenses, sight->depth, sight->count};
+    if (!lenses)
+        return OUT_OF_MEMORY;
+    memcpy(lenses, sight->lenses, (size_t)sight->count * LENS * sizeof(double));
+    for (ptrdiff_t eye = 0; eye < sight->count; eye++, lenses += LENS)
+        for (int row = 0; row < 3; row++) {
+            const double *turn = sight->lenses + eye * LENS + 3 * row;
+            for (int k = 0; k < 3; k++)
+                lenses[3 * row + k] = (turn[0] * axes[k] + turn[1] * axes[3 + k]) + turn[2] * axes[6 + k];
+            lenses[9 + row] += (turn[0] * origin[0] + turn[1] * origin[1]) + turn[2] * origin[2];
+        }
+    return 0;
 }
 
 int doubt(const Sight *sight, double x, double y, double height)

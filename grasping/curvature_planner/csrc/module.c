@@ -3,7 +3,7 @@
 #include "planner.h"
 
 /* Raised whenever a function here takes or returns something else; compiled_backend.py names the one that it knows. */
-#define INTERFACE 7
+#define INTERFACE 8
 
 /* A contiguous array of `ndim` dimensions, the first of this length unless that is −1; NULL with an error if not. */
 static Py_buffer *array(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim,
@@ -34,6 +34,16 @@ static int points(Arrays *arrays, PyObject *from, const char *name, Points *out)
     return 1;
 }
 
+static int rows(Arrays *arrays, PyObject *from, const char *name, Rows *out)
+{
+    Py_buffer *view = array_argument(arrays, from, name, "d", 2, 1, 3, 0);
+    if (!view)
+        return 0;
+    out->at = view->buf;
+    out->count = view->shape[0];
+    return 1;
+}
+
 static PyObject *failure(ptrdiff_t code)
 {
     if (code == TOO_LARGE)
@@ -52,6 +62,14 @@ static int cloud_and_axes(Arrays *arrays, PyObject *cloud, PyObject *axes, Point
         return 1;
     PyErr_SetString(PyExc_ValueError, "cloud, axes: a point at least and three axes are needed");
     return 0;
+}
+
+static const double *three_axes(Arrays *arrays, PyObject *from)
+{
+    Py_buffer *view = array(arrays, from, "axes", "d", 2, 3, 0);
+    if (view && view->shape[1] != 3)
+        PyErr_SetString(PyExc_ValueError, "axes: three are needed");
+    return view && view->shape[1] == 3 ? view->buf : NULL;
 }
 
 static PyObject *across(PyObject *self, PyObject *arguments)
@@ -79,8 +97,8 @@ static PyObject *thin(PyObject *self, PyObject *arguments)
 {
     (void)self;
     PyObject *cloud, *axes, *thinned, *answer = NULL;
-    double box;
-    if (!PyArg_ParseTuple(arguments, "OOdO", &cloud, &axes, &box, &thinned))
+    double box, depth;
+    if (!PyArg_ParseTuple(arguments, "OOddO", &cloud, &axes, &box, &depth, &thinned))
         return NULL;
     Arrays arrays = {.count = 0};
     Points on;
@@ -92,7 +110,7 @@ static PyObject *thin(PyObject *self, PyObject *arguments)
         } else {
             ptrdiff_t count;
             Py_BEGIN_ALLOW_THREADS
-            count = thin_cloud(on, turn, box, out->buf);
+            count = thin_cloud(on, turn, box, depth, out->buf);
             Py_END_ALLOW_THREADS
             answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
         }
@@ -197,10 +215,11 @@ static PyObject *look(PyObject *self, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "OOOdddOO", &cloud, &others, &unseen, &eye[0], &eye[1], &eye[2], &lens, &depth))
         return NULL;
     Arrays arrays = {.count = 0};
-    Points on, around, ends;
+    Points on;
+    Rows around, ends;
     Py_buffer *through, *drawn;
-    if (points(&arrays, cloud, "cloud", &on) && points(&arrays, others, "others", &around) &&
-        points(&arrays, unseen, "unseen", &ends) && (through = array(&arrays, lens, "lens", "d", 1, LENS, 1)) &&
+    if (points(&arrays, cloud, "cloud", &on) && rows(&arrays, others, "others", &around) &&
+        rows(&arrays, unseen, "unseen", &ends) && (through = array(&arrays, lens, "lens", "d", 1, LENS, 1)) &&
         (drawn = array(&arrays, depth, "depth", "d", 2, SIGHT_PIXELS, 1))) {
         if (drawn->shape[1] != SIGHT_PIXELS) {
             PyErr_Format(PyExc_ValueError, "depth: %d pixels are needed", SIGHT_PIXELS);
@@ -209,7 +228,7 @@ static PyObject *look(PyObject *self, PyObject *arguments)
             Py_BEGIN_ALLOW_THREADS
             share = look_from(on, around, ends, eye, through->buf, drawn->buf);
             Py_END_ALLOW_THREADS
-            answer = PyFloat_FromDouble(share);
+            answer = share < 0.0 ? failure(OUT_OF_MEMORY) : PyFloat_FromDouble(share);
         }
     }
     release(&arrays);
@@ -219,24 +238,24 @@ static PyObject *look(PyObject *self, PyObject *arguments)
 static PyObject *back(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *cloud, *axes, *lenses, *depth, *found, *answer = NULL;
-    double floor, image_up[2], cell;
-    if (!PyArg_ParseTuple(arguments, "OOddddOOO", &cloud, &axes, &floor, &image_up[0], &image_up[1], &cell, &lenses,
+    PyObject *cloud, *viewpoints, *lenses, *depth, *found, *answer = NULL;
+    double up[3], floor, cell;
+    if (!PyArg_ParseTuple(arguments, "OdddddOOOO", &cloud, &up[0], &up[1], &up[2], &floor, &cell, &viewpoints, &lenses,
                           &depth, &found))
         return NULL;
     Arrays arrays = {.count = 0};
     Points on;
     Sight sight;
-    const double *turn;
-    Py_buffer *out;
-    if (cloud_and_axes(&arrays, cloud, axes, &on, &turn) && images(&arrays, lenses, depth, &sight) &&
+    Py_buffer *eyes, *out;
+    if (points(&arrays, cloud, "cloud", &on) && images(&arrays, lenses, depth, &sight) &&
+        (eyes = array(&arrays, viewpoints, "viewpoints", "d", 2, sight.count, 0)) &&
         (out = array(&arrays, found, "found", "d", 2, -1, 1))) {
-        if (out->shape[1] != 3 || !(cell > 0.0)) {
-            PyErr_SetString(PyExc_ValueError, "found, cell: three columns and a length are needed");
+        if (out->shape[1] != 3 || eyes->shape[1] != 3 || !(cell > 0.0) || on.count < 1 || sight.count < 1) {
+            PyErr_SetString(PyExc_ValueError, "cloud, viewpoints, found, cell: points, three columns and a length are needed");
         } else {
             ptrdiff_t count;
             Py_BEGIN_ALLOW_THREADS
-            count = assume_back(on, turn, floor, image_up, cell, &sight, out->buf, out->shape[0]);
+            count = assume_back(on, up, floor, cell, eyes->buf, &sight, out->buf, out->shape[0]);
             Py_END_ALLOW_THREADS
             answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
         }
@@ -245,27 +264,28 @@ static PyObject *back(PyObject *self, PyObject *arguments)
     return answer;
 }
 
-static PyObject *measured(PyObject *self, PyObject *arguments)
+static PyObject *neighbours(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *seen, *holds, *out, *answer = NULL;
-    double pad_width;
-    if (!PyArg_ParseTuple(arguments, "OOdO", &seen, &holds, &pad_width, &out))
+    PyObject *others, *axes, *local, *answer = NULL;
+    double middle[3], reach[2], cell;
+    if (!PyArg_ParseTuple(arguments, "OOddddddO", &others, &axes, &middle[0], &middle[1], &middle[2], &reach[0], &reach[1],
+                          &cell, &local))
         return NULL;
     Arrays arrays = {.count = 0};
-    Points on;
-    Py_buffer *rows, *found;
-    if (points(&arrays, seen, "seen", &on) && (rows = array(&arrays, holds, "holds", "d", 2, 5, 0)) &&
-        (found = array(&arrays, out, "found", "d", 2, 3, 1))) {
-        const ptrdiff_t count = rows->shape[1];
-        if (found->shape[1] != count) {
-            PyErr_SetString(PyExc_ValueError, "found: a column for each hold is needed");
+    Rows around;
+    const double *turn;
+    Py_buffer *out;
+    if (rows(&arrays, others, "others", &around) && (turn = three_axes(&arrays, axes)) &&
+        (out = array(&arrays, local, "local", "d", 2, 3, 1))) {
+        if (out->shape[1] != around.count) {
+            PyErr_SetString(PyExc_ValueError, "local: a column for each of the others is needed");
         } else {
-            double *numbers = found->buf;
+            ptrdiff_t count;
             Py_BEGIN_ALLOW_THREADS
-            measured_between(on, rows->buf, count, pad_width, numbers, numbers + count, numbers + 2 * count);
+            count = neighbours_of(around, turn, middle, reach, cell, out->buf);
             Py_END_ALLOW_THREADS
-            answer = Py_NewRef(Py_None);
+            answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
         }
     }
     release(&arrays);
@@ -275,20 +295,20 @@ static PyObject *measured(PyObject *self, PyObject *arguments)
 static PyObject *rank(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *object, *others, *lenses, *depth, *holds, *terms, *ranked, *problems;
+    PyObject *object, *others, *lenses, *depth, *measured, *axes, *holds, *terms, *ranked, *problems;
     Py_ssize_t count, length = sizeof(Rules) / sizeof(double);
-    double centre_x, centre_y;
-    if (!PyArg_ParseTuple(arguments, "OOOOOnddOOO", &object, &others, &lenses, &depth, &holds, &count, &centre_x, &centre_y, &terms,
-                          &ranked, &problems))
+    double origin[3], centre_x, centre_y;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOdddOnddOOO", &object, &others, &lenses, &depth, &measured, &axes, &origin[0],
+                          &origin[1], &origin[2], &holds, &count, &centre_x, &centre_y, &terms, &ranked, &problems))
         return NULL;
     Arrays arrays = {.count = 0};
-    Points on, around;
+    Points on, around, seen;
     Sight sight;
     Py_buffer *coarse, *out, *refusals;
-    const double *numbered;
+    const double *numbered, *turn;
     PyObject *answer = NULL;
     if (points(&arrays, object, "object", &on) && points(&arrays, others, "others", &around) &&
-        images(&arrays, lenses, depth, &sight) &&
+        images(&arrays, lenses, depth, &sight) && points(&arrays, measured, "measured", &seen) && (turn = three_axes(&arrays, axes)) &&
         (coarse = array(&arrays, holds, "holds", "d", 2, HOLD_TERMS, 0)) &&
         (numbered = numbers(&arrays, terms, "rules", &length)) &&
         (out = array(&arrays, ranked, "ranked", "d", 2, RANKED_TERMS, 1)) &&
@@ -301,8 +321,8 @@ static PyObject *rank(PyObject *self, PyObject *arguments)
         } else {
             ptrdiff_t found, refused;
             Py_BEGIN_ALLOW_THREADS
-            found = rank_holds(on, around, &sight, coarse->buf, stride, count, centre_x, centre_y, &rules, out->buf,
-                               refusals->buf, &refused);
+            found = rank_holds(on, around, &sight, seen, turn, origin, coarse->buf, stride, count, centre_x, centre_y,
+                               &rules, out->buf, refusals->buf, &refused);
             Py_END_ALLOW_THREADS
             answer = found < 0 ? failure(found) : Py_BuildValue("nn", found, refused);
         }
@@ -350,10 +370,10 @@ static PyMethodDef methods[] = {
     {"short_side", across, METH_VARARGS, "See projection.short_side: returns the direction."},
     {"thin", thin, METH_VARARGS, "See projection.thin: fills `thinned`, returns the number of points."},
     {"place", place, METH_VARARGS, "See projection.place: fills `local`, returns the rest."},
+    {"neighbours", neighbours, METH_VARARGS, "See projection.neighbours: fills `local`, returns the number of points."},
     {"look", look, METH_VARARGS, "See line_of_sight.look: fills `lens` and `depth`, returns the share that is hidden."},
-    {"assume_back", back, METH_VARARGS, "See unseen_back.assume_back: fills `found`, returns the number of places."},
+    {"assume_back", back, METH_VARARGS, "See unseen_back.with_its_back: fills `found`, returns the number of places."},
     {"scan", scan, METH_VARARGS, "See finger_scan.scan: fills `holds`, returns (count, too_wide, narrowest)."},
-    {"measured", measured, METH_VARARGS, "See contact_refinement.measured: fills `found`."},
     {"rank", rank, METH_VARARGS, "See ranking.rank: fills `ranked` or `problems`, returns the number of either."},
     {"survey", survey, METH_VARARGS, "See region_report.measure_regions: fills `order`, `parts` and `measures`, returns their number."},
     {NULL, NULL, 0, NULL},

@@ -2,9 +2,11 @@
 #include "planner.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 /* Where a finger's way is looked at: outward in shares of the room that it needs, across in pad widths, and in height. */
 enum { WAY_OUTWARD = 2, WAY_LEVELS = 4, COARSE_LEVELS = 2 };
+enum { TOUCHES_NOTHING = 1 }; /* of ranking.PROBLEMS */
 static const double WAY_ACROSS[3] = {-0.4, 0.0, 0.4};
 
 /* A hold that was looked at closely; its score is −INFINITY where something speaks against it. */
@@ -26,7 +28,8 @@ typedef struct {
 } Places;
 
 typedef struct {
-    Points object, others;
+    FootprintGrid object, others;
+    double top; /* height of the object's highest point */
     const Sight *sight;
     double centre_x, centre_y;
     const Rules *rules;
@@ -66,7 +69,7 @@ static double seen_term(
     if (!scene->sight->count)
         return 1.0;
     const double cosine = cos(heading), sine = sin(heading);
-    const double above = scene->object.height[scene->object.count - 1] - tip;
+    const double above = scene->top - tip;
     const int all = 2 * WAY_OUTWARD * levels * lines;
     int fewest = all;
     for (int side = 1; side >= -1; side -= 2) {
@@ -184,7 +187,7 @@ static int try_holds(const Scene *scene, const Places *holds, Found *found)
 {
     double contacts[CONTACT_TERMS * MOST_TRIED];
     const ptrdiff_t count = holds->count;
-    const int error = refine_holds(scene->object, scene->others, holds->heading, holds->x, holds->y, holds->tip,
+    const int error = refine_holds(&scene->object, &scene->others, holds->heading, holds->x, holds->y, holds->tip,
                                    holds->width, count, scene->rules->pad_width, scene->rules->wished_room,
                                    scene->rules->reach, contacts);
     for (ptrdiff_t i = 0; !error && i < count && found->count < MOST_TRIED; i++) {
@@ -292,15 +295,15 @@ static void put(const Tried *hold, ptrdiff_t at, double *ranked)
         ranked[term * MOST_TRIED + at] = hold->of[term];
 }
 
-ptrdiff_t rank_holds(
-    Points object, Points others, const Sight *sight, const double *holds, ptrdiff_t stride, ptrdiff_t count,
-    double centre_x, double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused)
+static ptrdiff_t rank_in(
+    const Scene *scene, const double *holds, ptrdiff_t stride, ptrdiff_t count, double *ranked, int64_t *problems,
+    ptrdiff_t *refused)
 {
-    const Scene scene = {object, others, sight, centre_x, centre_y, rules};
+    const Rules *rules = scene->rules;
     Found found, middles;
     found.count = middles.count = *refused = 0;
-    const Places chosen = best_unlike(&scene, holds, stride, count);
-    int error = try_holds(&scene, &chosen, &found);
+    const Places chosen = best_unlike(scene, holds, stride, count);
+    int error = try_holds(scene, &chosen, &found);
     int any = 0;
     for (ptrdiff_t i = 0; i < found.count; i++)
         any |= found.tried[i].problem < 0;
@@ -310,11 +313,11 @@ ptrdiff_t rank_holds(
         return error;
     }
     const Places best = places(&found, rules, (ptrdiff_t)rules->slid), beside = to_either_side(&best, rules->slide);
-    error = try_holds(&scene, &beside, &found);
+    error = try_holds(scene, &beside, &found);
     Places there = places(&found, rules, (ptrdiff_t)rules->candidates);
     const ptrdiff_t all = there.count;
     there.count = all < (ptrdiff_t)rules->centred ? all : (ptrdiff_t)rules->centred;
-    error = error ? error : try_holds(&scene, &there, &middles);
+    error = error ? error : try_holds(scene, &there, &middles);
     if (error)
         return error;
     ptrdiff_t written = 0;
@@ -329,4 +332,63 @@ ptrdiff_t rank_holds(
         if (!centred[i])
             put(&found.tried[there.best[i]], written++, ranked);
     return written;
+}
+
+/* Of the ranked holds those between whose pads enough was measured, and none with a blind finger where there are others. */
+static ptrdiff_t held_by_what_was_seen(
+    const Rules *rules, Points measured, const double axes[9], const double origin[3], ptrdiff_t count, double *ranked,
+    int64_t *problems, ptrdiff_t *refused)
+{
+    double number[MOST_TRIED], reach[MOST_TRIED], breadth[MOST_TRIED];
+    double *score = ranked + RANKED_SCORE * MOST_TRIED, *assumed = ranked + RANKED_ASSUMED * MOST_TRIED;
+    const double *width = ranked + CONTACT_WIDTH * MOST_TRIED, *seen = ranked + RANKED_SEEN * MOST_TRIED;
+    const double *heading = ranked + CONTACT_HEADING * MOST_TRIED, *tip = ranked + RANKED_TIP * MOST_TRIED;
+    const double *x = ranked + CONTACT_X * MOST_TRIED, *y = ranked + CONTACT_Y * MOST_TRIED;
+    if (measured.count && measured_between(measured, axes, origin, heading, x, y, tip, width, count, rules->pad_width,
+                                           number, reach, breadth))
+        return OUT_OF_MEMORY;
+    int any = 0;
+    for (ptrdiff_t i = 0; i < count; i++)
+        any |= seen[i] >= rules->blind;
+    ptrdiff_t looked_at = 0, kept = 0;
+    for (ptrdiff_t i = 0; i < count; i++) {
+        if (any && !(seen[i] >= rules->blind))
+            continue;
+        looked_at++;
+        assumed[i] = 0.0;
+        if (measured.count) {
+            if (!(number[i] >= rules->least_measured && breadth[i] >= rules->least_breadth &&
+                  reach[i] >= rules->least_reach))
+                continue;
+            assumed[i] = greatest(width[i] - reach[i], 0.0);
+            score[i] *= 1.0 - rules->assumed * (assumed[i] / width[i]);
+        }
+        for (int term = 0; term < RANKED_TERMS; term++)
+            ranked[term * MOST_TRIED + kept] = ranked[term * MOST_TRIED + i];
+        kept++;
+    }
+    for (*refused = 0; !kept && *refused < looked_at; ++*refused)
+        problems[*refused] = TOUCHES_NOTHING;
+    return kept;
+}
+
+ptrdiff_t rank_holds(
+    Points object, Points others, const Sight *sight, Points measured, const double axes[9], const double origin[3],
+    const double *holds, ptrdiff_t stride, ptrdiff_t count,
+    double centre_x, double centre_y, const Rules *rules, double *ranked, int64_t *problems, ptrdiff_t *refused)
+{
+    Sight turned;
+    Scene scene = {.top = object.height[object.count - 1], .sight = &turned, .centre_x = centre_x, .centre_y = centre_y,
+                   .rules = rules};
+    ptrdiff_t found = turn_sight(sight, axes, origin, &turned);
+    found = found ? found : lay_out(object, &scene.object);
+    found = found ? found : lay_out(others, &scene.others);
+    if (!found)
+        found = rank_in(&scene, holds, stride, count, ranked, problems, refused);
+    if (found > 0)
+        found = held_by_what_was_seen(rules, measured, axes, origin, found, ranked, problems, refused);
+    discard(&scene.others);
+    discard(&scene.object);
+    free((double *)turned.lenses);
+    return found;
 }

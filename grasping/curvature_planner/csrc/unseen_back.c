@@ -6,6 +6,7 @@
 
 enum { TRIED = 6, MOST_SEEN = 10 };
 static const double MOST_CELLS = 120.0, AGREES = 0.010, BELOW = 0.005, STEP = 0.010, LEAST_HEIGHT = 0.005;
+static const double ABOVE = 0.2;
 static const double NO_FINGER_ENTERS = 0.010, FILLED = 0.0075;
 
 typedef struct {
@@ -91,7 +92,7 @@ static void fill(Back *back, ptrdiff_t i, ptrdiff_t j, int along, ptrdiff_t leng
     }
 }
 
-ptrdiff_t assume_back(
+static ptrdiff_t assume_along(
     Points cloud, const double axes[9], double floor, const double image_up[2], double cell, const Sight *sight,
     double *found, ptrdiff_t capacity)
 {
@@ -173,4 +174,49 @@ ptrdiff_t assume_back(
     free(heights);
     free(top);
     return failed ? OUT_OF_MEMORY : back.count;
+}
+
+static double dot(const double a[3], const double b[3]) { return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]; }
+
+ptrdiff_t assume_back(
+    Points cloud, const double up[3], double floor, double cell, const double *viewpoints, const Sight *sight,
+    double *found, ptrdiff_t capacity)
+{
+    const double *rows[3] = {cloud.x, cloud.y, cloud.height}, eyes = (double)sight->count;
+    double along[3], level[3];
+    for (int axis = 0; axis < 3; axis++) {
+        double low = INFINITY, high = -INFINITY, eye = 0.0;
+        for (ptrdiff_t i = 0; i < cloud.count; i++) {
+            low = least(low, rows[axis][i]);
+            high = greatest(high, rows[axis][i]);
+        }
+        for (ptrdiff_t i = 0; i < sight->count; i++)
+            eye += viewpoints[3 * i + axis];
+        along[axis] = 0.5 * (low + high) - eye / eyes;
+    }
+    const double distance = sqrt(dot(along, along)), sinking = dot(along, up);
+    double lens = INFINITY;
+    for (ptrdiff_t i = 0; i < sight->count; i++)
+        lens = least(lens, sight->lenses[LENS * i + 14]);
+    for (int axis = 0; axis < 3; axis++)
+        level[axis] = along[axis] - sinking * up[axis];
+    const double size = sqrt(dot(level, level));
+    if (!(size > ABOVE * distance))
+        return 0;
+    const double b[3] = {level[0] / size, level[1] / size, level[2] / size}, image_up[2] = {-sinking / distance, size / distance};
+    const double axes[9] = {b[1] * up[2] - b[2] * up[1], b[0], up[0], b[2] * up[0] - b[0] * up[2], b[1], up[1],
+                            b[0] * up[1] - b[1] * up[0], b[2], up[2]};
+    static const double nowhere[3] = {0.0, 0.0, 0.0};
+    Sight turned;
+    ptrdiff_t count = turn_sight(sight, axes, nowhere, &turned);
+    if (!count)
+        count = assume_along(cloud, axes, floor, image_up, greatest(cell, distance / lens), &turned, found, capacity);
+    free((double *)turned.lenses);
+    for (ptrdiff_t i = 0; i < count; i++) {
+        double *place = found + 3 * i;
+        const double local[3] = {place[0], place[1], place[2]};
+        for (int row = 0; row < 3; row++)
+            place[row] = dot(axes + 3 * row, local);
+    }
+    return count;
 }

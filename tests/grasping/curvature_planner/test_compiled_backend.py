@@ -174,10 +174,12 @@ def test_the_kernels_survive_numbers_that_the_planner_keeps_from_them(value: flo
 
     cloud = np.random.default_rng(0).uniform(0, 0.1, (3, 50))
     cloud[:, 7] = value
-    parts = np.empty((50, 7), np.int64), np.empty((50, 5))
+    rows, parts = cloud.T.copy(), (np.empty((50, 7), np.int64), np.empty((50, 5)))
     calls = (
         lambda: _kernels.short_side(cloud, np.eye(3), 0.004),
-        lambda: _kernels.thin(cloud, np.eye(3), 0.0025, np.empty((3, 50))),
+        lambda: _kernels.thin(cloud, np.eye(3), 0.0025, 4.0, np.empty((3, 50))),
+        lambda: _kernels.neighbours(rows, np.eye(3), *(0.0,) * 3, value, 0.2, 0.003, np.empty((3, 50))),
+        lambda: _kernels.look(cloud, rows, rows, 0.0, 0.0, 1.0, np.empty(15), np.empty((96, 96))),
         lambda: _kernels.place(cloud, np.eye(3), np.nan, 0.004, np.empty((3, 50))),
         lambda: _kernels.survey(cloud, np.empty(0), np.empty(0), 0.03, 0.01, np.empty(50, np.int64), *parts),
         lambda: _kernels.scan(
