@@ -36,7 +36,7 @@ def as_results(files: Sequence[PlannedFile], task: Task) -> dict[str, Any]:
                 "read_ms": 1e3 * file.read_s,
                 "segment_ms": None if file.scene is None else 1e3 * file.segment_s,
                 "table": None if file.scene is None or file.scene.plane is None else file.scene.plane.tolist(),
-                "rejected": [] if file.scene is None else [asdict(each) for each in file.scene.rejected],
+                "rejected": [] if file.scene is None else [each.as_results() for each in file.scene.rejected],
                 "objects": [_object(each) for each in file.objects],
             }
             for file in files

@@ -57,7 +57,6 @@ class Frame:
             self.valid = (squared >= near * near) & (squared <= far * far)
         self._squared = squared
         self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
-        holes = int(np.count_nonzero(self._holes))
         own = np.zeros(len(self.points), dtype=bool)
         if self._robot is not None:
             own[self._robot.within(self.points)] = True
@@ -66,27 +65,33 @@ class Frame:
         self._hidden = self._holes | own  # what stands there was not seen
         self.count = int(np.count_nonzero(self.valid))
         if not self.count:
-            beyond = squared[np.isfinite(squared) & (squared > 0) & ~own]
+            measured = squared[np.isfinite(squared) & (squared > 0) & ~own]
             raise CloudError(
                 f"cloud: none of {len(self.points)} points is valid and {where} from its origin"
                 + (f", without {np.count_nonzero(own)} of the robot itself" if own.any() else "")
-                + _all_beyond(beyond)
+                + _all_beyond(measured)
             )
         self.rejected: list[Rejected] = []
         self.other_planes: list[FloatArray] = []
-        self.reject("points", "no depth", holes)
-        self.reject("points", "the robot itself", int(np.count_nonzero(own)))
-        measured = len(self.points) - int(np.count_nonzero(self._hidden))
+        self.reject("points", "no depth", np.flatnonzero(self._holes))
+        self.reject("points", "the robot itself", np.flatnonzero(own))
+        beyond = np.flatnonzero(~self.valid & ~self._hidden)
         way_out = ""
-        if measured - self.count > NOTICED * measured:
+        if len(beyond) > NOTICED * (len(beyond) + self.count):
             farthest = float(np.quantile(squared[np.isfinite(squared) & ~own], 0.99)) ** 0.5
             way_out = f"depth_range=[0,{math.ceil(2 * max(farthest, far)) / 2:g}]" if farthest < FARTHEST else ""
-        self.reject("points", f"not {where}", measured - self.count, way_out)
+        self.reject("points", f"not {where}", beyond, way_out)
 
-    def reject(self, what: str, why: str, n_points: int, way_out: str = "") -> None:
-        """Note what is left out, where there is any of it, and the setting that would take it."""
-        if n_points:
-            self.rejected.append(Rejected(what, why, n_points, way_out))
+    def reject(self, what: str, why: str, points: IntArray | int, way_out: str = "") -> None:
+        """Note what is left out, where there is any of it, and the setting that would take it.
+
+        points: their indices, or of a plane how many there are.
+        """
+        if isinstance(points, int):
+            if points:
+                self.rejected.append(Rejected(what, why, points, way_out))
+        elif len(points):
+            self.rejected.append(Rejected(what, why, len(points), way_out, points))
 
     def sample(self, most: int, rng: np.random.Generator) -> FloatArray:
         """(M, 3) float64: the valid points, or as many of them as suffice, drawn at random."""
@@ -112,7 +117,7 @@ class Frame:
         if self.shape is None:
             return chosen, np.empty(0, dtype=np.int64)
         flying = single_pixels(self.points, chosen, self.shape)
-        self.reject("points", "in the air at an edge", int(np.count_nonzero(flying)))
+        self.reject("points", "in the air at an edge", chosen[flying])
         chosen = chosen[~flying]
         if self.sight is None:
             return chosen, np.empty(0, dtype=np.int64)
@@ -124,7 +129,7 @@ class Frame:
         if not len(on_ramps) or self.shape is None:
             return kept
         owners = edge_owners(self.points, kept, on_ramps, self.shape[1])
-        self.reject("points", "on a ramp between two surfaces", int(np.count_nonzero(owners < 0)))
+        self.reject("points", "on a ramp between two surfaces", on_ramps[owners < 0])
         own = [on_ramps[owners == number] for number in range(len(kept))]
         return [np.sort(np.append(a, b)) if len(b) else a for a, b in zip(kept, own, strict=True)]
 
@@ -164,10 +169,10 @@ class Frame:
             self.reject("plane", why, self.count, _up_setting(table.equation))
         return table
 
-    def reject_below(self, plane: FloatArray, n_points: int) -> None:
+    def reject_below(self, plane: FloatArray, points: IntArray) -> None:
         """Note what lies below the table, and that up may be elsewhere where only the plane says where it is."""
-        unsure = not self._told_up and self.sight is None and n_points > NOTICED * self.count
-        self.reject("points", "below the table", n_points, _up_setting(-plane) if unsure else "")
+        unsure = not self._told_up and self.sight is None and len(points) > NOTICED * self.count
+        self.reject("points", "below the table", points, _up_setting(-plane) if unsure else "")
 
     def _back(self, plane: Plane) -> Plane:
         """A plane of the frame that has the viewpoint as its origin, in the cloud's own."""

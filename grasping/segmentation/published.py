@@ -67,19 +67,20 @@ class PublishedSegmenter:
         else:
             height = frame.heights(plane.equation)
             chosen = np.flatnonzero(height > self.plane_distance)
-            below = int(np.count_nonzero(height < -self.plane_distance))
+            below = np.flatnonzero(height < -self.plane_distance)
             frame.reject_below(plane.equation, below)
-            n_table = frame.count - below - len(chosen)
+            n_table = frame.count - len(below) - len(chosen)
         points = frame.points.take(chosen, axis=0).astype(np.float64)
         inliers = _statistical_inliers(points, self.mean_k, self.std)
-        frame.reject("points", "outliers", int(np.count_nonzero(~inliers)))
+        frame.reject("points", "outliers", chosen[~inliers])
         chosen = chosen[inliers]
         clusters = [chosen[members] for members in by_label(voxel_clusters(points[inliers], self.eps))]
         kept = sorted(
             (members for members in clusters if len(members) >= self.min_points), key=lambda members: -len(members)
         )
-        few = [len(members) for members in clusters if len(members) < self.min_points]
-        frame.reject("points", f"{len(few)} clusters of fewer than {self.min_points}", sum(few))
+        few = [members for members in clusters if len(members) < self.min_points]
+        if few:
+            frame.reject("points", f"{len(few)} clusters of fewer than {self.min_points}", np.concatenate(few))
         return frame.scene(None if isinstance(plane, str) else plane.equation, kept, [], n_table)
 
 

@@ -16,13 +16,19 @@ class Rejected:
     """Something that is no object: what ("plane", "cluster", "points"), why, and the number of points concerned.
 
     way_out: the setting of the segmenter with which it would be taken, "max_extent=0.6", or "frame=world", which is
-    `up` along z, or "up=[x,y,z]"; empty where there is none.
+    `up` along z, or "up=[x,y,z]"; empty where there is none. indices: (n_points,) of the points in the input,
+    flattened; empty for a plane, whose points are said with what else they are.
     """
 
     what: str
     why: str
     n_points: int
     way_out: str = ""
+    indices: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64), compare=False, repr=False)
+
+    def as_results(self) -> dict[str, str | int]:
+        """What `results.json` says of it: all but the indices."""
+        return {"what": self.what, "why": self.why, "n_points": self.n_points, "way_out": self.way_out}
 
 
 @dataclass(frozen=True)

@@ -122,8 +122,8 @@ class Segmenter:
         if tall.any():
             way_out = f"max_height={_upward(height.take(above).max()):g}"
             why = f"more than {self.max_height:g} m above the table"
-            frame.reject("points", why, int(np.count_nonzero(tall)), way_out)
-        frame.reject_below(plane.equation, frame.count - len(table) - len(above))
+            frame.reject("points", why, above[tall], way_out)
+        frame.reject_below(plane.equation, np.flatnonzero(height < -plane.band))
         chosen, on_ramps = frame.without_flying(above[~tall], plane.equation)
         level = basis(plane.equation[:3])
         flat = frame.points.take(chosen, axis=0) @ level
@@ -147,8 +147,8 @@ class Segmenter:
         """Split the clusters into objects, the largest first, and others that may be in the way."""
         kept: list[IntArray] = []
         obstacles: list[IntArray] = []
-        small: list[int] = []
-        frame.reject("points", "isolated", int(np.count_nonzero(labels < 0)))
+        small: list[IntArray] = []
+        frame.reject("points", "isolated", chosen[labels < 0])
         for cluster in by_label(labels):
             # What is no object whatever its parts are is not taken apart.
             why_whole = self._too_little(frame, chosen[cluster], on_table)
@@ -164,9 +164,9 @@ class Segmenter:
                 if why is None:
                     kept.append(points)
                 elif why == _SMALL:
-                    small.append(len(members))
+                    small.append(points)
                 else:
-                    frame.reject("cluster", why, len(members), self._way_out(frame, points, on_table, why))
+                    frame.reject("cluster", why, points, self._way_out(frame, points, on_table, why))
                     if not why.startswith("only"):
                         obstacles.append(points)
         if on_table is not None and len(kept) > 1:
@@ -176,7 +176,8 @@ class Segmenter:
             ]
             kept = [np.concatenate([kept[i] for i in numbers]) for numbers in join_walls(walls)]
         least = f"fewer than {self.min_points} points or less than {self.min_area * 1e4:g} cm²"
-        frame.reject("points", f"in {len(small)} clusters of {least}", sum(small))
+        if small:
+            frame.reject("points", f"in {len(small)} clusters of {least}", np.concatenate(small))
         return sorted(kept, key=lambda points: -len(points)), obstacles
 
     def _over_holes(self, frame: Frame, kept: list[IntArray], table: IntArray, on_table: _OnTable) -> list[IntArray]:

@@ -3,7 +3,6 @@
 import json
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 import hydra
@@ -57,7 +56,7 @@ def segment(cfg: DictConfig) -> None:
         "segment_ms": milliseconds,
         "table": None if scene.plane is None else scene.plane.tolist(),
         "objects": rows,
-        "rejected": [asdict(each) for each in scene.rejected],
+        "rejected": [each.as_results() for each in scene.rejected],
     }
     write_whole(output / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
     for line in left_out(scene):

@@ -42,8 +42,9 @@ def test_an_arm_over_the_table_is_no_object_and_those_beside_it_stay(spheres: bo
         assert share_found(scene, owner, box) > share_found(alone, owner_before, box) - 0.02
     counted = {entry.why: entry.n_points for entry in scene.rejected}
     assert (owner == 3).sum() <= counted["the robot itself"] < 1.3 * (owner == 3).sum()
-    left_out = sum(entry.n_points for entry in scene.rejected if entry.what in ("points", "cluster"))
-    assert sum(map(len, scene.indices)) + scene.n_table + left_out == owner.size
+    known = np.concatenate([*scene.indices, *(entry.indices for entry in scene.rejected)])
+    assert len(np.unique(known)) == len(known) == owner.size - scene.n_table
+    assert all(len(entry.indices) == entry.n_points for entry in scene.rejected)
 
 
 def test_without_it_the_arm_joins_or_stands_as_an_object() -> None:
