@@ -37,6 +37,7 @@ def as_results(files: Sequence[PlannedFile], task: Task) -> dict[str, Any]:
                 "segment_ms": None if file.scene is None else 1e3 * file.segment_s,
                 "table": None if file.scene is None or file.scene.plane is None else file.scene.plane.tolist(),
                 "rejected": [] if file.scene is None else [each.as_results() for each in file.scene.rejected],
+                "cuts": [] if file.scene is None else [asdict(each) for each in file.scene.cuts],
                 "objects": [_object(each) for each in file.objects],
             }
             for file in files
@@ -49,6 +50,7 @@ def _object(each: PlannedObject) -> dict[str, Any]:
         "name": each.name,
         "points": len(each.points),
         "cut_off": each.cut_off,
+        "confidence": each.confidence,
         "plan_ms": 1e3 * each.plan_s,
         "error": each.error,
         "reason": each.plan.reason,

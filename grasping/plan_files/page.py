@@ -12,10 +12,12 @@ from grasping.grasp import Grasp
 from grasping.gripper import Gripper
 from grasping.plan_files.left_out import left_out
 from grasping.plan_files.results import PlannedFile, PlannedObject
+from grasping.plan_files.scene_layers import scene_layers
 from grasping.viewer.figure import Layer, fragment, score_rgb
 from grasping.viewer.html import page, templates
 
 _ALL_POINTS = 400_000  # of all figures together: 3.5 MB
+_GRASPS = "Grasps"  # the view in which objects have the colours of their scores
 
 
 def plan_page(
@@ -34,8 +36,9 @@ def plan_page(
     def scene_figure(file: PlannedFile, upward: np.ndarray | None) -> str:
         if not file.n_points:
             return ""
-        layers = [_layer(each, each.plan.best) for each in file.objects]
-        return fragment(cloud=file.rest, gripper=gripper, layers=layers, up=upward, max_points=2 * budget)
+        layers = [] if file.scene is None or file.cloud is None else scene_layers(file.cloud, file.scene)
+        layers += [_layer(each, each.plan.best) for each in file.objects]
+        return fragment(gripper=gripper, layers=layers, up=upward, max_points=2 * budget)
 
     def object_figure(each: PlannedObject, upward: np.ndarray | None) -> str:
         if not len(each.points):
@@ -95,7 +98,7 @@ def _layer(each: PlannedObject, grasp: Grasp | None = None) -> Layer:
     """An object in the colour of its score. grasp: drawn with it."""
     best = each.plan.best
     if best is None:
-        return Layer(each.points, each.name, (f"no grasp: {each.plan.reason}",), rgb=score_rgb(None))
+        return Layer(each.points, each.name, (f"no grasp: {each.plan.reason}",), _GRASPS, score_rgb(None))
     primitive = "" if best.region is None else f", {each.plan.regions[best.region].primitive}"
     details = (f"score {best.score:.2f}, {best.kind}{primitive}", f"width {1e3 * best.width:.0f} mm")
-    return Layer(each.points, each.name, details, rgb=score_rgb(best.score), grasp=grasp)
+    return Layer(each.points, each.name, details, _GRASPS, score_rgb(best.score), grasp)

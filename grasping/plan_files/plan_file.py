@@ -81,13 +81,11 @@ def plan_file(path: Path, task: Task) -> PlannedFile:
             ),
             surroundings=_surroundings(cloud, scene, k),
             cut_off=scene.touches_border[k],
+            confidence=scene.confidence[k] if scene.confidence else None,
         )
         for k, others in enumerate(_neighbours(scene))
     ]
-    rest = np.ones(cloud.size // 3, dtype=bool)
-    rest[np.concatenate([np.empty(0, dtype=np.int64), *scene.indices])] = False
-    others = valid_points(cloud.reshape(-1, 3)[rest])
-    return PlannedFile(path, len(points), objects, scene, others, read_s, segment_s)
+    return PlannedFile(path, len(points), objects, scene, cloud.reshape(-1, 3), read_s, segment_s)
 
 
 def _check_size(points: NDArray, task: Task) -> None:

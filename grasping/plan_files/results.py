@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.grasp import GraspPlan
+from grasping.plan_files.left_out import SURE
 from grasping.segmentation.scene import Scene
 
 LARGE = 0.45  # m; what a scene's objects are at most, unless the segmenter is told otherwise
@@ -18,7 +19,8 @@ LARGE = 0.45  # m; what a scene's objects are at most, unless the segmenter is t
 class PlannedObject:
     """points: (M, 3), m, in the file's frame; surroundings: (K, 3), what is around it in a scene.
 
-    cut_off: the image ends within it. error: why the planner refused it.
+    cut_off: the image ends within it. confidence: how sure the segmenter is of it, in [0, 1], where it says. error: why
+    the planner refused it.
     """
 
     name: str
@@ -27,12 +29,15 @@ class PlannedObject:
     plan_s: float
     surroundings: NDArray | None = None
     cut_off: bool = False
+    confidence: float | None = None
     error: str | None = None
 
     @property
     def remarks(self) -> list[str]:
         """What makes the plan doubtful."""
         doubts = ["cut off by the edge of the image"] if self.cut_off else []
+        if self.confidence is not None and self.confidence < SURE:
+            doubts.append(f"one thing with {100 * self.confidence:.0f} %")
         extent = float(np.ptp(self.points, axis=0).max()) if len(self.points) else 0.0
         if self.surroundings is None and extent > LARGE:
             doubts.append(f"{extent:.2f} m large; if this is a whole scene, say scene=true")
@@ -43,14 +48,14 @@ class PlannedObject:
 class PlannedFile:
     """n_points: valid ones; None where the file was not read. scene: where it was taken for one, and then
 
-    rest: (K, 3), the valid points that are no object's, m.
+    cloud: (N, 3), all of its points in the order of the file, m.
     """
 
     path: Path
     n_points: int | None = None
     objects: list[PlannedObject] = field(default_factory=list)
     scene: Scene | None = None
-    rest: NDArray | None = None
+    cloud: NDArray | None = None
     read_s: float = 0.0
     segment_s: float = 0.0
     error: str | None = None

@@ -52,6 +52,7 @@ class Layer:
     group: str = "Objects"
     rgb: tuple[int, int, int] | None = None
     grasp: Grasp | None = None
+    framed: bool = True
 
 
 def score_rgb(score: float | None) -> tuple[int, int, int]:
@@ -84,36 +85,40 @@ def fragment(
     up_axis = unit_up(up)
     entries: list[dict[str, Any]] = []
     shapes: list[np.ndarray] = []
+    around: list[bool] = []  # of each shape, whether it only surrounds the others
     if plan is not None:
         for index, region in enumerate(plan.regions):
             points = _points(region.points, f"plan.regions[{index}].points")
             entries.append(_region_entry(plan, index))
             shapes.append(points)
+            around.append(False)
     for index, layer in enumerate(layers):
         shapes.append(_points(layer.points, f"layers[{index}].points"))
+        around.append(not layer.framed)
         text = [layer.label, *layer.details]
         rgb = list(layer.rgb or bytes.fromhex(_PALETTE[index % len(_PALETTE)]))
         score = "" if layer.grasp is None else f" {layer.grasp.score:.2f}"
         entries.append({"group": layer.group, "rgb": rgb, "text": text, "legend": layer.label + score})
-    subject = [shape for shape in shapes if len(shape)]
     if cloud is not None:
         shapes.append(_points(cloud, "cloud"))
+        around.append(True)
         entries.append({"group": None, "rgb": None, "text": []})
     if not any(len(shape) for shape in shapes):
         raise CloudError("nothing to draw: plan, cloud and layers hold no finite point")
 
+    subject = [shape for shape, beside in zip(shapes, around, strict=True) if len(shape) and not beside]
     steps = _steps(plan, layers)[:_MOST_GRASPS]
     grasps, parts, drawn = _grasps(steps, gripper)
     extent = np.concatenate([*(subject or shapes), *drawn])
     target = (extent.min(axis=0) + extent.max(axis=0)) / 2
     radius = float(np.linalg.norm(extent - target, axis=1).max()) or 0.05
     eye = eye_direction(plan.best if plan is not None else None, target, up_axis)
-    # What is told apart keeps its points as far as they fit; the surroundings get what is left.
+    # What it is about keeps its points as far as they fit; what is around it gets what is left.
     n_subject = sum(map(len, subject))
     share = min(1.0, 0.8 * max_points / max(1, n_subject))
-    left = max_points - round(share * n_subject)
-    for entry, shape in zip(entries, shapes, strict=True):
-        shown = thinned(shape, left if entry["group"] is None else max(1, round(share * len(shape))))
+    left = (max_points - share * n_subject) / max(1, sum(map(len, shapes)) - n_subject)
+    for entry, shape, beside in zip(entries, shapes, around, strict=True):
+        shown = thinned(shape, max(1, round((min(1.0, left) if beside else share) * len(shape))))
         entry.update(packed(shown), radius=disc_radius(shown, radius))
     groups = list(dict.fromkeys(entry["group"] for entry in entries if entry["group"] is not None))
     data = {

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import hydra
@@ -39,6 +40,7 @@ def segment(cfg: DictConfig) -> None:
         np.save(output / f"{name}.npy", points)
         low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
         cut_off = bool(scene.touches_border[number - 1])
+        confidence = scene.confidence[number - 1] if scene.confidence else None
         rows.append(
             {
                 "file": f"{name}.npy",
@@ -46,17 +48,22 @@ def segment(cfg: DictConfig) -> None:
                 "centre": ((low + high) / 2).tolist(),
                 "size": (high - low).tolist(),
                 "cut_off": cut_off,
+                "confidence": confidence,
             }
         )
         centre = " ".join(f"{value:6.3f}" for value in (low + high) / 2)
         size = " ".join(f"{1e3 * value:4.0f}" for value in high - low)
-        print(f"{number:<8}{len(points):>8,}  {centre:>20}  {size:>14}{'  cut off by the edge' if cut_off else ''}")
+        print(
+            f"{number:<8}{len(points):>8,}  {centre:>20}  {size:>14}{'  cut off by the edge' if cut_off else ''}"
+            + ("" if confidence is None else f"  one thing with {100 * confidence:.0f} %")
+        )
     results = {
         "file": str(cfg.cloud),
         "segment_ms": milliseconds,
         "table": None if scene.plane is None else scene.plane.tolist(),
         "objects": rows,
         "rejected": [each.as_results() for each in scene.rejected],
+        "cuts": [asdict(each) for each in scene.cuts],
     }
     write_whole(output / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
     for line in left_out(scene):
