@@ -13,6 +13,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "plan": (None, "grasps on a cloud, a depth frame or a folder of them"),
     "segment": (None, "cut a cloud or a depth frame into objects"),
     "generate": ("sim", "labelled clouds of objects, as the robot sees them"),
+    "generate-scenes": ("sim", "labelled frames of crowded tables, for the segmenter"),
     "train": ("learn", "a classifier"),
     "classify": ("learn", "one cloud, with a trained classifier"),
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),

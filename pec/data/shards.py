@@ -138,9 +138,9 @@ class Manifest:
     schema_version: int = SCHEMA_VERSION
 
 
-def shard_name(index: int) -> str:
+def shard_name(index: int, suffix: str = ".safetensors") -> str:
     """The path of shard `index`, relative to the data set's directory: `shards/00000.safetensors`."""
-    return f"shards/{index:05d}.safetensors"
+    return f"shards/{index:05d}{suffix}"
 
 
 def write_shard(path: str | os.PathLike[str], samples: Sequence[CloudSample]) -> ShardRecord:

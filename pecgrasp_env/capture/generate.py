@@ -12,32 +12,25 @@ those manifests list, makes what is missing, and leaves the one manifest that a 
 
 from __future__ import annotations
 
-import errno
-import hashlib
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pec.common.run_identity import first_difference
 from pec.data.dataset import CloudDataset
-from pec.data.shards import MANIFEST_NAME, Manifest, ShardRecord, read_manifest, read_shard, shard_name, write_manifest
+from pec.data.shards import Manifest, read_shard
 from pec.data.splits import write_splits
-from pec.errors import DatasetError
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
-from pecgrasp_env.capture.shard_plan import allot, open_source
-from pecgrasp_env.capture.workers import make_shards, prepare
+from pecgrasp_env.capture.resume import make_missing
+from pecgrasp_env.capture.shard_plan import ShardJob, allot, open_source
+from pecgrasp_env.capture.workers import Result, make_shards, prepare
 from pecgrasp_env.common.job_share import JobShare
 
 __all__ = ["Generation", "generate"]
-
-_PARTS = MANIFEST_NAME.replace(".json", ".*of*.json")
 
 
 @dataclass(frozen=True)
@@ -91,39 +84,14 @@ def generate(
     started = time.monotonic()
     source = open_source(config)
     empty, jobs = allot(config, source)
-    there = _merged(directory, empty, on_error)
-    instances = {_key(instance): instance for instance in there.instances}
-    done = {record.file: record for record in there.shards}
-    mine = list(jobs) if share is None else list(share.of(jobs))
-    names = {shard_name(job.index) for job in mine}
-    missing = [job for job in mine if shard_name(job.index) not in done]
-    prepare(source, missing, workers, on_error, preparing)
-    total = sum(job.n_samples for job in mine)
-    n_new = 0
-    if progress:
-        progress(total - sum(job.n_samples for job in missing), total)
 
-    def listed() -> Manifest:
-        """The manifest of the whole, or of this share, as far as it has come."""
-        shards = sorted((r for r in done.values() if r.file in names), key=lambda record: record.file)
-        return replace(there, instances=list(instances.values()), shards=shards, complete=False)
+    def make(missing: list[ShardJob]) -> Generator[Result, None, None]:
+        prepare(source, missing, workers, on_error, preparing)
+        return make_shards(config, source, directory, missing, workers, on_error, frames_at_once)
 
-    manifest_name = MANIFEST_NAME if share is None else MANIFEST_NAME.replace(".json", f"{share.suffix}.json")
-    shards = make_shards(config, source, directory, missing, workers, on_error, frames_at_once)
-    with _writing(directory), closing(shards) as results:
-        for record, entries in results:
-            for entry in entries:
-                _add_instance(instances, entry, directory)
-            done[record.file] = record
-            n_new += record.n_samples
-            write_manifest(directory, listed(), manifest_name)
-            missing_of_mine = sum(job.n_samples for job in mine if shard_name(job.index) not in done)
-            if progress:
-                progress(total - missing_of_mine, total)
-    with _writing(directory):
-        manifest = _finish(directory, listed()) if share is None else listed()
-        if share is not None:
-            write_manifest(directory, manifest, manifest_name)
+    manifest, n_new = make_missing(
+        directory, empty, jobs, make, share=share, keep_skipped=on_error == "skip", finish=_split, progress=progress
+    )
     rejected = sum((Counter(record.rejected) for record in manifest.shards), Counter[str]())
     skipped = {name: why for record in manifest.shards for name, why in record.skipped.items()}
     mended = {f"{i['class']}/{i['name']}": "; ".join(i["mended"]) for i in manifest.instances if "mended" in i}
@@ -132,84 +100,11 @@ def generate(
     return Generation(directory, n_samples, n_new, dict(rejected.most_common()), skipped, mended, seconds, manifest)
 
 
-def _finish(directory: Path, manifest: Manifest) -> Manifest:
-    """Writes the splits, then says that the data set is complete, then removes the shares' manifests."""
-    complete = replace(manifest, complete=True)
-    path = directory / MANIFEST_NAME
-    if not path.is_file() or read_manifest(directory) != complete:
-        shards = [read_shard(directory / record.file, mapped=False) for record in manifest.shards]
-        labels = np.concatenate([shard.class_index for shard in shards]).astype(np.int64)
-        belong = np.concatenate([shard.instance_index for shard in shards]).astype(np.int64)
-        official = None
-        if all("split" in instance for instance in manifest.instances):
-            official = np.array([instance["split"] == "test" for instance in manifest.instances])[belong]
-        write_splits(directory, CloudDataset(manifest.classes, [], labels, belong, ""), manifest.seed, official)
-        write_manifest(directory, complete)
-    for path in directory.glob(_PARTS):
-        path.unlink()
-    return complete
-
-
-def _merged(directory: Path, empty: Manifest, on_error: str) -> Manifest:
-    """`empty` with the sound shards that the manifests in `directory` list."""
-    instances = {_key(instance): instance for instance in empty.instances}
-    records: dict[str, ShardRecord] = {}
-    for path in [directory / MANIFEST_NAME, *sorted(directory.glob(_PARTS))]:
-        if not path.is_file():
-            continue
-        found = read_manifest(directory, path.name)
-        _check_same(path, found, empty)
-        for instance in found.instances:
-            _add_instance(instances, instance, directory)
-        # Who does not want objects to be skipped wants those tried again that were.
-        records |= {record.file: record for record in found.shards if on_error == "skip" or not record.skipped}
-    sound = [record for record in records.values() if _is_sound(directory / record.file, record)]
-    return replace(empty, instances=list(instances.values()), shards=sound)
-
-
-def _add_instance(instances: dict[tuple[str, str], dict[str, Any]], entry: dict[str, Any], directory: Path) -> None:
-    """Takes over what a shard's maker says of an instance. Raises DatasetError where its mesh has changed."""
-    known = instances[_key(entry)]
-    if "mesh_sha256" not in entry:
-        return
-    if known.get("mesh_sha256", entry["mesh_sha256"]) != entry["mesh_sha256"]:
-        raise DatasetError(
-            f"{directory} holds clouds of another {entry['name']}: its mesh has changed since. "
-            "Give another out=, or remove that folder"
-        )
-    instances[_key(entry)] = entry
-
-
-def _key(instance: Mapping[str, Any]) -> tuple[str, str]:
-    return instance["class"], instance["name"]
-
-
-def _check_same(path: Path, found: Manifest, wanted: Manifest) -> None:
-    before, now = (
-        {name: getattr(manifest, name) for name in ("config", "seed", "classes", "cameras", "generator")}
-        | {"instances": [_key(instance) for instance in manifest.instances]}
-        for manifest in (found, wanted)
-    )
-    if difference := first_difference(before, now):
-        raise DatasetError(
-            f"{path} is of another data set, with {difference}: give another out=, or remove that folder"
-        )
-
-
-def _is_sound(path: Path, record: ShardRecord) -> bool:
-    return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == record.sha256
-
-
-@contextmanager
-def _writing(directory: Path) -> Iterator[None]:
-    """Turns the operating system's errors into one that says what to do."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            where = error.filename or directory
-            raise CaptureError(
-                f"the disk is full: {where} could not be written. Free some space; what is whole in {directory} is "
-                "kept, and the same command goes on"
-            ) from error
-        raise CaptureError(f"cannot write the data set in {directory}: {error}; the same command goes on") from error
+def _split(directory: Path, manifest: Manifest) -> None:
+    shards = [read_shard(directory / record.file, mapped=False) for record in manifest.shards]
+    labels = np.concatenate([shard.class_index for shard in shards]).astype(np.int64)
+    belong = np.concatenate([shard.instance_index for shard in shards]).astype(np.int64)
+    official = None
+    if all("split" in instance for instance in manifest.instances):
+        official = np.array([instance["split"] == "test" for instance in manifest.instances])[belong]
+    write_splits(directory, CloudDataset(manifest.classes, [], labels, belong, ""), manifest.seed, official)

@@ -15,7 +15,7 @@ from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.modelnet import ModelNetArchive
 from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
 
-__all__ = ["Member", "ShardJob", "Source", "allot", "instance_entry", "open_source"]
+__all__ = ["Member", "ShardJob", "Source", "allot", "instance_entry", "made_by", "open_source"]
 
 _PACKAGES = ("pecgrasp", "sapien", "numpy", "scipy", "trimesh", "coacd")
 """What decides the bytes of a sample."""
@@ -34,9 +34,13 @@ def allot(config: CaptureConfig, source: Source) -> tuple[Manifest, list[ShardJo
         step = max(1, config.shard_size // len(group))
         for first in range(0, config.samples_per_instance, step):
             jobs.append(ShardJob(len(jobs), group, first, min(step, config.samples_per_instance - first)))
-    versions = {package: importlib.metadata.version(package) for package in _PACKAGES}
-    manifest = Manifest(list(source.classes), instances, config.cameras, config.described(), config.seed, versions)
+    manifest = Manifest(list(source.classes), instances, config.cameras, config.described(), config.seed, made_by())
     return manifest, jobs
+
+
+def made_by() -> dict[str, str]:
+    """The packages that decide the bytes of a data set, and their versions."""
+    return {package: importlib.metadata.version(package) for package in _PACKAGES}
 
 
 def _groups(config: CaptureConfig, members: list[Member]) -> list[tuple[Member, ...]]:

@@ -203,12 +203,22 @@ def _drop_grazing(
     rng: np.random.Generator,
     params: D435Noise,
 ) -> None:
-    """Marks holes, in place, where the surface is seen at a grazing angle.
+    """Marks holes, in place, where the surface is seen at a grazing angle."""
+    squared_cosine = squared_incidence(disparity, intrinsics, steps)
+    start, end = np.cos(params.grazing_start), np.cos(params.grazing_end)
+    grazing = np.flatnonzero((squared_cosine < start**2) & ~hole)
+    cosine = np.sqrt(squared_cosine.ravel()[grazing])
+    hole.reshape(-1)[grazing] = rng.random(len(grazing), np.float32) < (start - cosine) / (start - end)
 
-    Disparity is linear in the pixel over a plane, so its slopes give the plane's normal exactly: with q = a·x + b·y + c
-    over the normalised coordinates x, y the normal n is (a, b, c), and its cosine to the ray (x, y, 1) is
-    q / (|n| |ray|).
+
+def squared_incidence(disparity: np.ndarray, intrinsics: CameraIntrinsics, steps: Steps | None = None) -> np.ndarray:
+    """(H, W) float32: squared cosine of the angle between each pixel's ray and its surface's normal.
+
+    Disparity (H, W), of any baseline, is linear in the pixel over a plane, so its slopes give the plane's normal
+    exactly: with q = a·x + b·y + c over the normalised coordinates x, y the normal n is (a, b, c), and its cosine to
+    the ray (x, y, 1) is q / (|n| |ray|). steps: differences of neighbours, where they are at hand.
     """
+    steps = (np.diff(disparity, axis=0), np.diff(disparity, axis=1)) if steps is None else steps
     height, width = disparity.shape
     x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - intrinsics.cx)) / np.float32(intrinsics.fx)
     y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - intrinsics.cy)) / np.float32(intrinsics.fy)
@@ -216,11 +226,7 @@ def _drop_grazing(
     a = _gentler_slope(steps[1], 1) * np.float32(intrinsics.fx)
     b = _gentler_slope(steps[0], 0) * np.float32(intrinsics.fy)
     c = disparity - a * x - b * y
-    squared_cosine = disparity * disparity / np.maximum((a * a + b * b + c * c) * (x * x + y * y + 1), 1e-12)
-    start, end = np.cos(params.grazing_start), np.cos(params.grazing_end)
-    grazing = np.flatnonzero((squared_cosine < start**2) & ~hole)
-    cosine = np.sqrt(squared_cosine.ravel()[grazing])
-    hole.reshape(-1)[grazing] = rng.random(len(grazing), np.float32) < (start - cosine) / (start - end)
+    return disparity * disparity / np.maximum((a * a + b * b + c * c) * (x * x + y * y + 1), 1e-12)
 
 
 def _gentler_slope(step: np.ndarray, axis: int) -> np.ndarray:

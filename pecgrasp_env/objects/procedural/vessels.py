@@ -21,7 +21,7 @@ def mug(rng: np.random.Generator) -> Draft:
     outer = np.column_stack([outer_radius, z])
     outside = np.concatenate([[[outer_radius[0] - 2.5, 0.0]], outer])
     color = pick(rng, (WHITE, CREAM, NAVY, BLACK, *BRIGHT))
-    pieces = [(_vessel(outside, wall, floor, sectors=14, levels=2 if belly == 0 else 4), color)]
+    pieces = [(vessel(outside, wall, floor, sectors=14, levels=2 if belly == 0 else 4), color)]
 
     upper, lower = height * rng.uniform(0.8, 0.88), height * rng.uniform(0.16, 0.26)
     reach = rng.uniform(26, 36)
@@ -55,7 +55,7 @@ def bowl(rng: np.random.Generator) -> Draft:
     outside = np.concatenate([[[foot - 1, 0.0], [foot, 0.8]], np.column_stack([outer_radius, z])])
     outside = np.concatenate([outside, [[radius + rng.uniform(0, 2), height - 1]]])
     color = pick(rng, (WHITE, CREAM, NAVY, *BRIGHT))
-    pieces = [(_vessel(outside, wall, floor, sectors=18, levels=5), color)]
+    pieces = [(vessel(outside, wall, floor, sectors=18, levels=5), color)]
     band_z = np.linspace(0.62, 0.76, 5) * height
     band = np.column_stack([np.interp(band_z, z, outer_radius), band_z])
     if rng.random() < 0.5:
@@ -63,7 +63,7 @@ def bowl(rng: np.random.Generator) -> Draft:
     return pieces, rng.uniform(0.22, 0.45)
 
 
-def _vessel(outside: np.ndarray, wall: float, floor: float, sectors: int, levels: int) -> Shape:
+def vessel(outside: np.ndarray, wall: float, floor: float, sectors: int, levels: int) -> Shape:
     """A hollow body of revolution.
 
     outside: (radius, z) from the foot to just under the rim; the inside follows it `wall` mm further in, down to the
