@@ -50,18 +50,16 @@ def plan_put_down(
     """
     T_closed, T_now = forward_kinematics(q_closed), forward_kinematics(q_now)
     middle = (held[:, :2].min(axis=0) + held[:, :2].max(axis=0)) / 2
-    radius = float(np.linalg.norm(held[:, :2] - middle, axis=1).max())
     wide = min(opening + _RELEASE_M, ROBOTIQ_2F_140.stroke)
-    hand = wide / 2 + ROBOTIQ_2F_140.finger_thickness + np.linalg.norm(T_closed[:2, 3] - middle)
+    footprint = np.concatenate([held[:, :2], _tips(T_closed, wide)[:, :2]]) - middle
     height = seen @ plane[:3] + plane[3]
     # Down until the lowest that was seen of the object, or a fingertip, is just above the table.
     lowest = float(np.quantile(held @ plane[:3] + plane[3], 0.02))
-    descent = min(lowest, _tip_height(T_closed, opening, plane)) - _DROP_M
+    descent = min(lowest, float((_tips(T_closed, opening) @ plane[:3]).min() + plane[3])) - _DROP_M
     others = seen[height > _LEVEL_M]
     clearance = Clearance(np.zeros((0, 3)), others, plane)
     problem: MotionError | None = None
-    places = free_places(seen, height, max(radius, hand) + _BESIDE_M)
-    for place in _nearest(places, T_now[:2, 3], T_closed[:2, 3] - middle):
+    for place in _nearest(free_places(seen, height, footprint), T_now[:2, 3], T_closed[:2, 3] - middle):
         T_down = T_closed.copy()
         T_down[:3, 3] += np.append(place - middle, 0.0) - descent * UP
         T_over = T_down.copy()
@@ -78,8 +76,9 @@ def plan_put_down(
     raise problem or MotionError("no free place on the table was seen")
 
 
-def free_places(seen: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-    """Middles (P, 2) of free discs on the table: every cell of them was seen, and nothing stands in one.
+def free_places(seen: np.ndarray, height: np.ndarray, footprint: np.ndarray) -> np.ndarray:
+    """Places (P, 2) on the table for the middle of a footprint (F, 2), m from it: under all of that, and 2 cm around,
+    the table was seen, and nothing stands there.
 
     seen: (K, 3); height: (K,) above the table, m.
     """
@@ -93,7 +92,13 @@ def free_places(seen: np.ndarray, height: np.ndarray, radius: float) -> np.ndarr
         np.add.at(counts[name], tuple(each[which] for each in index), 1)
     free = (counts["table"] >= _LEAST_POINTS) & (counts["thing"] < _LEAST_POINTS)
     room = ndimage.distance_transform_edt(free) * _CELL_M
-    return (np.argwhere(room >= radius) + corner - 0.5) * _CELL_M
+    places = np.argwhere(room >= _BESIDE_M)
+    for offset in np.unique(np.round(footprint / _CELL_M).astype(int), axis=0):
+        there = places + offset
+        inside = ((there >= 0) & (there < shape)).all(axis=1)
+        places, there = places[inside], there[inside]
+        places = places[room[there[:, 0], there[:, 1]] >= _BESIDE_M]
+    return (places + corner - 0.5) * _CELL_M
 
 
 def _nearest(places: np.ndarray, to: np.ndarray, hand: np.ndarray) -> Iterator[np.ndarray]:
@@ -107,10 +112,10 @@ def _nearest(places: np.ndarray, to: np.ndarray, hand: np.ndarray) -> Iterator[n
             yield place
 
 
-def _tip_height(T_base_tool0: np.ndarray, opening: float, plane: np.ndarray) -> float:
-    """Of the lower fingertip above the table, m."""
+def _tips(T_base_tool0: np.ndarray, opening: float) -> np.ndarray:
+    """Outer corners (4, 3) of the fingertips, base frame, at an opening (m)."""
     hand = ROBOTIQ_2F_140
     x, y = hand.finger_width / 2, opening / 2 + hand.finger_thickness
     z = float(hand.pad_depth(opening)) + hand.pad_length / 2
     tips = np.array([[sx * x, sy * y, z, 1.0] for sx in (-1, 1) for sy in (-1, 1)])
-    return float(((T_base_tool0 @ T_TOOL0_GRIPPER @ tips.T)[:3].T @ plane[:3]).min() + plane[3])
+    return np.asarray((T_base_tool0 @ T_TOOL0_GRIPPER @ tips.T)[:3].T)

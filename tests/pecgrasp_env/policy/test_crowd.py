@@ -74,13 +74,15 @@ def test_places_are_free_where_the_table_was_seen_and_nothing_stands():
     table = patch((0.3, 0.7), (-0.3, 0.3), 0.0, 0.003)
     thing = patch((0.45, 0.55), (-0.05, 0.05), 0.05)
     surface = np.concatenate([table, thing])
-    places = free_places(surface, surface[:, 2], 0.08)
+    angles = np.linspace(0, 2 * np.pi, 60)[:, None]
+    ring = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
+    places = free_places(surface, surface[:, 2], 0.06 * ring)
     assert len(places) > 100
     beyond = np.maximum(np.abs(places - [0.5, 0.0]) - 0.05, 0.0)
     assert (np.linalg.norm(beyond, axis=1) > 0.07).all()
     assert (places.min(axis=0) > [0.37, -0.23]).all()
     assert (places.max(axis=0) < [0.63, 0.23]).all()
-    assert len(free_places(surface, surface[:, 2], 0.4)) == 0
+    assert len(free_places(surface, surface[:, 2], 0.4 * ring)) == 0
 
 
 def test_a_full_table_has_no_place():
