@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pecgrasp_env.policy.seen_objects import SeenObject
@@ -64,13 +65,19 @@ def stands_over(objects: Sequence[SeenObject], lower: int) -> np.ndarray | None:
     return np.asarray(found.mean(axis=0) - objects[lower].centroid[:2])
 
 
-def topmost_on(objects: Sequence[SeenObject], lower: int) -> int | None:
-    """What has to be taken away first where something lies on objects[lower]: that on which nothing lies."""
-    on_the_way = {lower}
-    while upper := {k: share for k, share in lying_on(objects, lower).items() if k not in on_the_way}:
-        lower = max(upper, key=lambda k: upper[k])
-        on_the_way.add(lower)
-    return lower if len(on_the_way) > 1 else None
+def uppermost_on(objects: Sequence[SeenObject], lower: int) -> list[int]:
+    """Which objects can be taken off objects[lower]: those that lie on it, or on others that do, and on which nothing
+    lies; the highest first.
+    """
+    upon, pending, free = {lower}, [lower], []
+    while pending:
+        k = pending.pop()
+        above = lying_on(objects, k)
+        if not above and k != lower:
+            free.append(k)
+        pending += [each for each in above if each not in upon]
+        upon.update(above)
+    return sorted(free, key=lambda k: -float(objects[k].points[:, 2].max()))
 
 
 def floor_below(points: np.ndarray, around: np.ndarray, plane: np.ndarray | None) -> np.ndarray | None:
@@ -87,6 +94,19 @@ def floor_below(points: np.ndarray, around: np.ndarray, plane: np.ndarray | None
         return plane
     rise = float(np.median(height[near]))
     return plane if rise < _NO_FLOOR_M else np.append(normal, offset - rise)
+
+
+def without_rim(points: np.ndarray, rim: float) -> np.ndarray:
+    """The points (M, 3) of an object that lie further than ``rim`` (m) within its outline, seen from above: what a
+    finger meets that pushes it aside by so much. Of what is thinner all.
+    """
+    cells = np.floor(points[:, :2] / _CELL_M).astype(int)
+    cells -= cells.min(axis=0) - 1
+    covered = np.zeros(cells.max(axis=0) + 2, bool)
+    covered[tuple(cells.T)] = True
+    inside = ndimage.distance_transform_edt(ndimage.binary_closing(covered)) * _CELL_M
+    inner = inside[tuple(cells.T)] > rim
+    return points[inner] if inner.any() else points
 
 
 def _cells(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import numpy as np
 from grasping import GraspPlan, Segmenter
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
-from pecgrasp_env.policy.crowd import floor_below, lying_on, stands_over, topmost_on
+from pecgrasp_env.policy.crowd import floor_below, lying_on, stands_over, uppermost_on, without_rim
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look
@@ -23,6 +23,7 @@ NOT_FOUND = "not found"
 _SURE = 0.9  # probability from which one look is enough
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _CERTAIN = 0.7  # that an object is one, below which it is looked at again
+_PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
 _HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
 
@@ -125,14 +126,30 @@ class PickPlanner:
         view: the last look at the objects. Where there is no object, grasp or path, the result's `reason` says why.
         """
         chosen = self.choose(objects)
-        upper = topmost_on(objects, chosen) if self._clear and chosen is not None else None
-        chosen = chosen if upper is None else upper
-        clears = upper is not None
-        nothing = PlannedPick(objects, chosen, None, None, self._log.confidence, NOT_FOUND, clears=clears)
         if chosen is None:
-            return nothing
+            return PlannedPick(objects, None, None, None, self._log.confidence, NOT_FOUND)
+        # What lies on it, then itself; with free ways for the fingers, then pushing.
+        order = [*(uppermost_on(objects, chosen) if self._clear else ()), chosen]
+        tries = [(k, pushed) for pushed in _PUSHED_M for k in order if not pushed or len(objects) > 1]
+        picks = []
+        for k, pushed in tries:
+            pick = PlannedPick(objects, k, None, None, self._log.confidence, None, clears=k != chosen)
+            picks.append(self._plan(pick, k, view, q, pushed))
+            if picks[-1].reason is None:
+                if pushed:
+                    self._log.doubts.append("no free way for the fingers: they may push a neighbour aside")
+                return picks[-1]
+        self._log.plan, self._log.chosen = picks[0].plan, picks[0].chosen
+        return picks[0]
+
+    def _plan(self, pick: PlannedPick, chosen: int, view: View, q: np.ndarray | None, pushed: float) -> PlannedPick:
+        """The pick with grasp and paths; pushed: how far [m] the fingers may push the object's neighbours aside."""
+        objects = pick.objects
         points = objects[chosen].points
-        others = np.concatenate([view.obstacles, *(seen.points for k, seen in enumerate(objects) if k != chosen)])
+        neighbours = [seen.points for k, seen in enumerate(objects) if k != chosen]
+        others = np.concatenate(
+            [view.obstacles, *(without_rim(each, pushed) if pushed else each for each in neighbours)]
+        )
         plane = floor_below(points, view.surface, view.plane)
         with self._log.timed("plan grasp"):
             plan: GraspPlan = self._planner.plan(
@@ -144,7 +161,7 @@ class PickPlanner:
                 unseen=objects[chosen].unseen,
             )
         self._log.plan, self._log.chosen = plan, chosen
-        planned = replace(nothing, plan=plan, reason=None)
+        planned = replace(pick, plan=plan)
         if plan.best is None:
             return replace(planned, reason=f"no grasp: {plan.reason}")
         with self._log.timed("plan motion"):

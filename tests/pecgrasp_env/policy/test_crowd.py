@@ -9,7 +9,7 @@ from mani_skill.utils.structs.pose import Pose
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
-from pecgrasp_env.policy.crowd import floor_below, lying_on, topmost_on
+from pecgrasp_env.policy.crowd import floor_below, lying_on, uppermost_on, without_rim
 from pecgrasp_env.policy.put_down import free_places, plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject, merge
 from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
@@ -43,9 +43,20 @@ def test_an_object_lies_on_what_it_hides_the_middle_of_and_not_on_what_it_stands
     assert lying_on([seen(LOWER), seen(UPPER - [0, 0, 0.03])], 0) == {}  # between its parts, and no higher
 
 
-def test_the_topmost_is_taken_first():
-    assert topmost_on([seen(LOWER), seen(UPPER), seen(TOP)], 0) == 2
-    assert topmost_on([seen(LOWER), seen(BESIDE)], 0) is None
+def test_what_nothing_lies_on_is_taken_first():
+    assert uppermost_on([seen(LOWER), seen(UPPER), seen(TOP)], 0) == [2]
+    far = patch((0.44, 0.48), (0.02, 0.04), 0.05)
+    near = patch((0.44, 0.48), (0.045, 0.06), 0.06)
+    assert uppermost_on([seen(LOWER), seen(far), seen(near)], 0) == [2, 1]  # the higher one first
+    assert uppermost_on([seen(LOWER), seen(BESIDE)], 0) == []
+
+
+def test_what_is_pushed_aside_loses_its_rim_and_what_is_thin_is_not_pushed():
+    block, rod = patch((0.40, 0.46), (0.0, 0.08), 0.03), patch((0.40, 0.41), (0.0, 0.10), 0.01)
+    inner = without_rim(block, 0.008)
+    assert inner.min(axis=0) == pytest.approx([0.408, 0.008, 0.03], abs=0.005)
+    assert inner.max(axis=0) == pytest.approx([0.452, 0.072, 0.03], abs=0.005)
+    assert len(without_rim(rod, 0.008)) == len(rod)
 
 
 def test_the_bottom_of_a_bin_is_what_an_object_lies_on_and_noise_on_a_table_is_not():
