@@ -43,6 +43,18 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip(f"no time left for {item.name}")
 
 
+@pytest.fixture(scope="session")
+def renderer() -> Iterator[None]:
+    """SAPIEN's renderer, held from test to test: with its last scene it would go, and the table of reflections, which
+    takes a processor ten seconds, be computed anew at the next lit picture.
+    """
+    import sapien
+
+    held = sapien.render.RenderSystem(sapien.Device("cpu"))
+    yield
+    del held
+
+
 _VOID = {"meta", "link", "img", "input", "br", "rect", "line", "circle", "polyline"}
 
 

@@ -116,10 +116,16 @@ def fragment(
     # What it is about keeps its points as far as they fit; what is around it gets what is left.
     n_subject = sum(map(len, subject))
     share = min(1.0, 0.8 * max_points / max(1, n_subject))
-    left = (max_points - share * n_subject) / max(1, sum(map(len, shapes)) - n_subject)
+    sizes = [len(shape) for shape, beside in zip(shapes, around, strict=True) if beside]
+    left = iter(_in_parts(sizes, max_points - round(share * n_subject)))
     for entry, shape, beside in zip(entries, shapes, around, strict=True):
-        shown = thinned(shape, max(1, round((min(1.0, left) if beside else share) * len(shape))))
+        shown = thinned(shape, next(left) if beside else max(1, round(share * len(shape))))
         entry.update(packed(shown), radius=disc_radius(shown, radius))
+    largest = max(
+        (entry["radius"] for entry, beside in zip(entries, around, strict=True) if not beside), default=radius
+    )
+    for entry in entries:
+        entry["radius"] = min(entry["radius"], 2 * largest)  # lone points around are no balls
     groups = list(dict.fromkeys(entry["group"] for entry in entries if entry["group"] is not None))
     data = {
         "layers": entries,
@@ -135,6 +141,14 @@ def fragment(
     }
     legends = {group: _legend(group, entries, plan) for group in groups}
     return templates("grasping.viewer").get_template("figure.html").render(data=data, legends=legends)
+
+
+def _in_parts(sizes: Sequence[int], most: int) -> list[int]:
+    """How many of so many points each keeps: equal parts, and what small ones leave goes to larger ones."""
+    kept = [0] * len(sizes)
+    for done, index in enumerate(sorted(range(len(sizes)), key=lambda index: sizes[index])):
+        kept[index] = min(sizes[index], (most - sum(kept)) // (len(sizes) - done))
+    return kept
 
 
 class _LegendItem(NamedTuple):

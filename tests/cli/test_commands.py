@@ -161,6 +161,7 @@ def test_evaluate_of_a_class_that_there_is_not_fails_and_says_so(tmp_path, capsy
     assert "nonesuch" in results(tmp_path)["cells"][0]["error"]
 
 
+@pytest.mark.usefixtures("renderer")
 def test_evaluate_plays_an_episode_and_leaves_its_report(tmp_path, capsys):
     run("evaluate", *ALONE, "checkpoint=null", "episodes=1", "planner=centroid", f"folder={tmp_path}")
     assert "1 of 1 episodes" in capsys.readouterr().out
@@ -200,7 +201,6 @@ def test_the_demo_leaves_its_report_and_names_the_command(tmp_path):
     assert "pecgrasp demo generation.instances_per_class=1" in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.slow
 def test_doctor_reports_the_packages_and_ends_by_whether_it_draws(capsys):
     with pytest.raises(SystemExit) as ended:
         run("doctor")

@@ -25,6 +25,11 @@ class Labels:
         return self.rename.get(name, name), 0.99
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _one_renderer(renderer):
+    pass
+
+
 @pytest.fixture(scope="session")
 def labels():
     """`Labels`: of an environment and, where it is to lie, of what it calls each class."""

@@ -41,13 +41,14 @@ def depth_below(points: np.ndarray, hull: ConvexHull) -> np.ndarray:
     return -(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
-def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
+def simplify_hull(points: np.ndarray, tolerance: float = 0.2, hull: ConvexHull | None = None) -> np.ndarray:
     """Few of the given (N, 3) points, (K, 3), whose hull leaves none of them further outside than `tolerance`.
 
     Greedy: start from the extremes along 13 axes, add the points furthest outside, stop at the tolerance or where
-    MAX_HULL_VERTICES or MAX_HULL_FACES would be passed. The result never leaves the hull of the input.
+    MAX_HULL_VERTICES or MAX_HULL_FACES would be passed. The result never leaves the hull of the input, which may be
+    given where it is known.
     """
-    corners = points[convex_hull(points).vertices]
+    corners = points[(convex_hull(points) if hull is None else hull).vertices]
     if len(corners) <= 12:
         return corners
     axes = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)])
@@ -67,7 +68,7 @@ def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
         while worst and batch:
             new = worst[: min(batch, MAX_HULL_VERTICES - len(chosen))]
             finer = convex_hull(corners[chosen + new]) if new else None
-            if finer is None or _flat_faces(finer) <= MAX_HULL_FACES:
+            if finer is None or not _too_many_faces(finer):
                 break
             finer, batch = None, batch // 2  # one face too many: add fewer
         if finer is None:
@@ -75,9 +76,10 @@ def simplify_hull(points: np.ndarray, tolerance: float = 0.2) -> np.ndarray:
         chosen, hull = chosen + new, finer
 
 
-def _flat_faces(hull: ConvexHull) -> int:
-    """Number of faces when triangles in one plane count as one."""
-    return len(np.unique(np.round(hull.equations[:, :3], 3), axis=0))
+def _too_many_faces(hull: ConvexHull) -> bool:
+    """Whether there are more than MAX_HULL_FACES when triangles in one plane count as one."""
+    normals = hull.equations[:, :3]
+    return len(normals) > MAX_HULL_FACES and len(np.unique(np.round(normals, 3), axis=0)) > MAX_HULL_FACES
 
 
 def left_outside(points: np.ndarray, kept: np.ndarray) -> float:
@@ -113,9 +115,10 @@ def group_sections(sections: np.ndarray, tolerance: float) -> list[np.ndarray]:
 
 def _fitting_hull(run: np.ndarray, tolerance: float) -> np.ndarray | None:
     points = run.reshape(-1, 3)
-    if depth_below(run[1:-1].reshape(-1, 3), convex_hull(points)).max() > tolerance:
+    hull = convex_hull(points)
+    if depth_below(run[1:-1].reshape(-1, 3), hull).max() > tolerance:
         return None
-    kept = simplify_hull(points)
+    kept = simplify_hull(points, hull=hull)
     return kept if left_outside(points, kept) <= SKIPPED else None
 
 
@@ -128,7 +131,7 @@ def carve(vertices: np.ndarray, faces: np.ndarray, tolerance: float, thinnest: f
     no cap is needed. vertices (V, 3), faces (F, 3); returns a list of (M, 3) hull vertices.
     """
     hull = convex_hull(vertices)
-    kept = simplify_hull(vertices)
+    kept = simplify_hull(vertices, hull=hull)
     surface = np.concatenate([vertices, vertices[faces].mean(axis=1)])
     if depth_below(surface, hull).max() <= tolerance and left_outside(vertices, kept) <= SKIPPED:
         return [kept]
