@@ -9,6 +9,7 @@ from pec.errors import DatasetError
 from pecgrasp.progress import progress_bar
 from pecgrasp.settings import CONF, plain
 from pecgrasp_env.capture.config import CaptureError
+from pecgrasp_env.capture.scenes.card import write_frames_card
 from pecgrasp_env.capture.scenes.config import FramesConfig
 from pecgrasp_env.capture.scenes.generate import generate_frames
 from pecgrasp_env.common.job_share import JobShare, JobShareError
@@ -29,3 +30,5 @@ def main(cfg: DictConfig) -> None:
         sys.exit(130)
     print(f"{done.n_new} new frames of {done.n_frames} in {done.seconds:.0f} s; drawn anew: {done.rejected}")
     print(f"data set: {done.directory}")
+    if share is None:
+        print(f"data card: {write_frames_card(done.directory)}")

@@ -14,7 +14,7 @@ from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, Senso
 
 __all__ = ["SCENARIOS", "CaptureConfig", "CaptureError", "ObjectsConfig", "TabletopConfig"]
 
-SCENARIOS = ("free", "tabletop", "surface")
+SCENARIOS = ("free", "tabletop", "piled", "surface")
 SOURCES = ("catalogue", "folder", "ycb", "modelnet10")
 
 
@@ -77,7 +77,7 @@ class TabletopConfig:
 
     def __post_init__(self) -> None:
         for name, least, most in (
-            ("objects_per_frame", 1, 8),
+            ("objects_per_frame", 1, 15),
             ("distractors", 0, 8),
             ("clearance", 0, 0.2),
             ("joint_noise", 0, 0.1),  # beyond, the camera turns away from the objects
@@ -94,7 +94,7 @@ class CaptureConfig:
 
     scenario: str = "free"
     """"free": the published protocol, any pose in the air. "tabletop": at rest, seen and cut out as by the robot.
-    "surface": points from all over the mesh, without a camera."""
+    "piled": the same, but fallen onto each other. "surface": points from all over the mesh, without a camera."""
     objects: ObjectsConfig = field(default_factory=ObjectsConfig)
     samples_per_instance: int = 1000
     sensor: SensorMode = "ideal"
@@ -105,7 +105,7 @@ class CaptureConfig:
     max_depth: float = 2.0
     """Of `free`, metres along the optical axis: objects are drawn from the camera's minimum depth up to it."""
     tabletop: TabletopConfig = field(default_factory=TabletopConfig)
-    """Of `tabletop`."""
+    """Of `tabletop` and `piled`; the latter has no use for clearance and drops."""
     min_points: int = 64
     """A cloud with fewer points is thrown away and its pose drawn anew."""
     max_occlusion: float = 0.5
@@ -147,7 +147,7 @@ class CaptureConfig:
         classes = objects["classes"]
         return cls(
             scenario=settings.get("scenario", "free"),
-            tabletop=TabletopConfig(**(settings.get("tabletop") or {})),
+            tabletop=_tabletop(settings),
             objects=ObjectsConfig(
                 classes=None if classes is None else tuple(classes),
                 instances_per_class=settings["instances_per_class"],
@@ -176,6 +176,7 @@ class CaptureConfig:
         unused = {
             "free": {"tabletop", "max_occlusion", "surface_points"},
             "tabletop": {"max_depth", "surface_points"},
+            "piled": {"max_depth", "surface_points"},
             "surface": {"tabletop", "max_occlusion", "max_depth", "min_points", "sensor", "resolutions", "noise"},
         }[self.scenario]
         if self.sensor == "ideal":
@@ -206,3 +207,14 @@ class CaptureConfig:
         if self.objects.source == "ycb":
             return tuple(LOOK_ALIKES.values())
         return self.objects.classes or LARS_CLASSES
+
+
+_OF_PILED = {"objects_per_frame": 6, "min_purity": 0.5}
+"""Where nothing is said: a heap, and cut-outs of which half lies on the labelled object."""
+
+
+def _tabletop(settings: Mapping[str, Any]) -> TabletopConfig:
+    """As set; what is null is as usual in the scenario."""
+    usual = _OF_PILED if settings.get("scenario") == "piled" else {}
+    given = {name: value for name, value in (settings.get("tabletop") or {}).items() if value is not None}
+    return TabletopConfig(**(usual | given))

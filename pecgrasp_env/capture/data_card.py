@@ -73,6 +73,8 @@ def _introduction(manifest: Manifest) -> str:
         "free": "Each object floats alone before a depth camera, in any pose",
         "tabletop": "Objects lie as they fell on the robot's table, seen by its wrist camera from where the policy "
         "looks, and cut out by the segmentation that runs on the robot",
+        "piled": "Objects lie on the robot's table as they fell onto each other, seen by its wrist camera from where "
+        "the policy looks, and cut out, with all faults, by the segmentation that runs on the robot",
         "surface": "Points from all over each mesh, without a camera, scaled to the unit sphere",
     }[manifest.config.get("scenario", "free")]
     sensor = {
@@ -128,7 +130,7 @@ def _histograms(manifest: Manifest, shards: Sequence[Shard]) -> list[tuple[str, 
                 False,
             )
         )
-    if manifest.config.get("scenario") == "tabletop":
+    if manifest.config.get("scenario") in ("tabletop", "piled"):
         hidden = 100 * _each(shards, lambda shard: shard.occlusion)
         caption = f"Hidden by others: {np.mean(hidden > 0):.1%} of the clouds are, by so much"
         charts.append((caption, hidden[hidden > 0], "%", False))

@@ -44,8 +44,8 @@ def made_by() -> dict[str, str]:
 
 
 def _groups(config: CaptureConfig, members: list[Member]) -> list[tuple[Member, ...]]:
-    """Those that are captured together: in `tabletop` those that share a table, else as many as fill a shard."""
-    if config.scenario != "tabletop":
+    """Those that are captured together: those that share a table, else as many as fill a shard."""
+    if config.scenario not in ("tabletop", "piled"):
         size = max(1, config.shard_size // config.samples_per_instance)
         return [tuple(members[start : start + size]) for start in range(0, len(members), size)]
     size = config.tabletop.objects_per_frame

@@ -33,6 +33,10 @@ def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> S
         from pecgrasp_env.capture.rendering.gpu_renderer import GpuRenderer
 
         open_renderer = partial(GpuRenderer, cameras=config.intrinsics, at_once=frames_at_once)
+    if config.scenario == "piled":
+        from pecgrasp_env.capture.scenarios.piled import PiledScenario
+
+        return PiledScenario(config, open_renderer)
     if config.scenario == "tabletop":
         from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario
 

@@ -97,8 +97,7 @@ class TabletopScenario:
         kept: list[Subject] = []
         for subject in subjects:
             try:
-                self._renderer.check(subject.model)
-                self._rest(subject.model)
+                self._check(subject.model)
                 kept.append(subject)
             except CaptureError as error:
                 captured.given_up[subject.name] = str(error)
@@ -152,15 +151,24 @@ class TabletopScenario:
         camera = config.intrinsics[number // len(self._postures)]
         q = posture + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
         T_base_camera = forward_kinematics(q) @ T_TOOL0_CAMERA
-        drawn = np.stack([poses[rng.integers(len(poses))] for poses in map(self._rest, models)])
         try:
-            placed = arrange(models, drawn, rng, REGION, config.tabletop.clearance)
+            placed = self._place(models, rng)
         except PlacementError:
             return _Layout(seed, rng, number, camera, q, T_base_camera, [])
         T_camera_base = np.linalg.inv(T_base_camera)
         poses = [T_camera_base @ _matrix(pose) for pose in placed]
         shots = [Shot(i, pose, camera, self._renderer.extent(i, pose, camera)) for i, pose in enumerate(poses)]
         return _Layout(seed, rng, number, camera, q, T_base_camera, shots)
+
+    def _check(self, model: ObjectModel) -> None:
+        """Raises CaptureError where an object cannot be captured."""
+        self._renderer.check(model)
+        self._rest(model)
+
+    def _place(self, models: Sequence[ObjectModel], rng: np.random.Generator) -> np.ndarray:
+        """Where the objects lie (n, 7), the robot's frame. Raises PlacementError where they do not find room."""
+        drawn = np.stack([poses[rng.integers(len(poses))] for poses in map(self._rest, models)])
+        return arrange(models, drawn, rng, REGION, self._config.tabletop.clearance)
 
     def _cut(
         self,

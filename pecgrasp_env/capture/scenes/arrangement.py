@@ -12,13 +12,14 @@ from pecgrasp_env.objects import ObjectModel
 from pecgrasp_env.objects.procedural.primitives import CONTAINERS
 from pecgrasp_env.scene.clutter import lay_out
 from pecgrasp_env.scene.piles import Bin, drop_at, fill_bin, pile
-from pecgrasp_env.scene.placement import PlacementError, Region, drop_each, move, outline_of
+from pecgrasp_env.scene.placement import PlacementError, Region, drop_each, move, outline_of, separation
 from pecgrasp_env.scene.settling import push_together
 
 __all__ = ["KINDS", "Arrangement", "arrange_scene"]
 
 _MOST_TOUCHING = 8  # more are seldom pushed together without one falling over
 _GAP_M = 0.002
+_BISECTIONS = 11
 
 
 @dataclass(frozen=True)
@@ -62,21 +63,15 @@ def _touching(models: Sequence[ObjectModel], rng: np.random.Generator) -> Arrang
     flush = rng.random() < 0.5
     yaw = rng.uniform(-np.pi, np.pi)
     poses: list[np.ndarray] = []
-    taken = np.zeros((0, 2))  # corners of all outlines
+    placed: list[np.ndarray] = []
     for model, resting in zip(models, drop_each(models, rng), strict=True):
         # Those with straight sides stand parallel in half of the scenes.
         turn = yaw + rng.integers(4) * np.pi / 2 if flush else rng.uniform(-np.pi, np.pi)
         pose = move(resting, turn, np.zeros(2))
         outline = outline_of(model, pose)
-        at = np.zeros(2)
-        if len(taken):
-            towards = _direction(rng)
-            far = (taken @ towards).max() - (outline @ towards).min() + _GAP_M
-            sideways = np.array([-towards[1], towards[0]])
-            at = far * towards + rng.uniform(-0.5, 0.5) * np.ptp(taken @ sideways) * sideways
-        pose[:2] = at
+        pose[:2] = _up_to(outline, placed, rng)
         poses.append(pose)
-        taken = np.concatenate([taken, outline + at])
+        placed.append(outline + pose[:2])
     ends, at_rest, _ = push_together(models, np.array(poses))
     if not at_rest.all():
         raise PlacementError(f"{len(models)} objects do not come to rest")
@@ -220,6 +215,20 @@ def _beside(
     along[axis] = side * (half[axis] + other[axis] + gap)
     along[1 - axis] = rng.uniform(-0.5, 0.5) * other[1 - axis]
     return centre + along
+
+
+def _up_to(outline: np.ndarray, placed: Sequence[np.ndarray], rng: np.random.Generator) -> np.ndarray:
+    """Where (2,) an outline (K, 2) that comes in from a random side almost touches one of those there."""
+    if not placed:
+        return np.zeros(2)
+    anchor, inwards = placed[int(rng.integers(len(placed)))].mean(axis=0), _direction(rng)
+    near, far = 0.0, max(float(np.ptp(np.concatenate([*placed, outline]), axis=0).sum()), 0.01) * 2
+    for _ in range(_BISECTIONS):
+        middle = (near + far) / 2
+        here = outline + anchor - middle * inwards
+        clear = all(separation(here, other) >= _GAP_M for other in placed)
+        near, far = (near, middle) if clear else (middle, far)
+    return anchor - far * inwards
 
 
 def _outline(model: ObjectModel, orientation: Rotation) -> np.ndarray:

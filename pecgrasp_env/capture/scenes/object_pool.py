@@ -16,7 +16,10 @@ __all__ = ["ObjectPool"]
 
 _LARGEST_M = 0.4  # of what lies on a table with others
 _PLAIN_SHARE = 0.65  # of the drawn objects: what has no name has more shapes than fourteen classes
+_LARGE_SHARE = 0.4  # of the scenes in which things are as large as cartons, jars and pans
+_LARGE_M = 0.07  # of their middle side
 _DRAWS = 50
+_TRIES = 5
 
 
 class ObjectPool:
@@ -37,16 +40,22 @@ class ObjectPool:
         favourites = None
         if rng.random() < 0.33:
             favourites = [self._any_class(rng) for _ in range(int(rng.integers(1, 3)))]
-        models = [self._one(favourites, rng) for _ in range(count)]
+        least = _LARGE_M if rng.random() < _LARGE_SHARE else 0.0
+        models = [self._one(favourites, least, rng) for _ in range(count)]
         if kind == "contained":
             models[0] = self._drawn(str(rng.choice([*CONTAINERS, "bowl"])), rng)
         return models
 
-    def _one(self, favourites: list[str] | None, rng: np.random.Generator) -> ObjectModel:
+    def _one(self, favourites: list[str] | None, least: float, rng: np.random.Generator) -> ObjectModel:
+        """An object, if possible one whose middle side is `least` m long."""
         if self._folder is not None and rng.random() < self._config.share:
             return self._from_folder(self._folder, rng)
-        name = str(rng.choice(favourites)) if favourites and rng.random() < 0.8 else self._any_class(rng)
-        return self._drawn(name, rng)
+        for _ in range(_TRIES):
+            name = str(rng.choice(favourites)) if favourites and rng.random() < 0.8 else self._any_class(rng)
+            model = self._drawn(name, rng)
+            if np.sort(model.extents)[1] >= least:
+                break
+        return model
 
     def _any_class(self, rng: np.random.Generator) -> str:
         if rng.random() < _PLAIN_SHARE:

@@ -81,7 +81,7 @@ def draw_view(target: np.ndarray, room: Room, nearest: float, rng: np.random.Gen
 
     ``nearest`` to 1.4 m from it, 25° to 80° above the table, nearly level.
     """
-    distance = nearest + (_FARTHEST_M - nearest) * rng.uniform() ** 1.5  # more often near than far
+    distance = nearest + (_FARTHEST_M - nearest) * rng.uniform() ** 2  # more often near than far
     elevation = np.arcsin(rng.uniform(*np.sin(_ELEVATION)))  # as even over the half sphere as the limits allow
     azimuth = rng.uniform(*room.azimuths)
     away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

@@ -13,6 +13,7 @@ from pec.errors import DatasetError
 from pecgrasp_env.capture import CaptureError
 from pecgrasp_env.capture.scenes.arrangement import KINDS as ARRANGED
 from pecgrasp_env.capture.scenes.arrangement import arrange_scene
+from pecgrasp_env.capture.scenes.card import write_frames_card
 from pecgrasp_env.capture.scenes.config import CAMERAS, KINDS, FramesConfig, SceneObjectsConfig
 from pecgrasp_env.capture.scenes.frames import BIN_LABEL, FIRST_OBJECT, frames_of, read_frames, write_frames
 from pecgrasp_env.capture.scenes.generate import generate_frames
@@ -140,6 +141,9 @@ def test_stopped_and_gone_on_with_or_shared_it_has_the_same_bytes(tmp_path):
     reference = contents(tmp_path / "whole")
     assert contents(tmp_path / "stopped") == reference
     assert contents(tmp_path / "shared") == reference
+    card = write_frames_card(tmp_path / "whole").read_text()
+    assert "4 labelled frames" in card
+    assert card.count("data:image/jpeg") == 4
     kept_apart = [frame.scene for frame in frames_of(tmp_path / "whole", val=True)]
     assert kept_apart == [3]
     assert len(list(frames_of(tmp_path / "whole", val=False))) == 3

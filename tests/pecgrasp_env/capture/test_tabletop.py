@@ -241,7 +241,7 @@ def test_the_set_has_the_same_bytes_from_two_workers_and_d435(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"objects_per_frame": 0}, r"objects_per_frame must lie in 1 … 8, got 0"),
+        ({"objects_per_frame": 0}, r"objects_per_frame must lie in 1 … 15, got 0"),
         ({"distractors": -1}, "distractors"),
         ({"min_purity": 1.2}, "min_purity"),
         ({"joint_noise": 0.5}, "joint_noise"),
