@@ -64,6 +64,18 @@ class LinesOfSight:
         forward = (top + bottom) / np.linalg.norm(top + bottom)
         return (bottom - top) / np.linalg.norm(bottom - top), forward
 
+    def rays(self) -> FloatArray:
+        """(3, 3): a pixel (column, row, 1) looks along rays @ pixel, of length one in the middle of the image."""
+        middle = (self.shape[0] - 1) / 2, (self.shape[1] - 1) / 2
+        to_scaled = np.array(
+            [
+                [self._scale, 0, -middle[1] * self._scale],
+                [0, self._scale, -middle[0] * self._scale],
+                [0, 0, 1],
+            ]
+        )
+        return np.asarray(self._A @ to_scaled / np.linalg.norm(self._A[:, 2]))
+
     def directions(self, index: IntArray) -> FloatArray:
         """(M, 3) of length one: along these pixels' lines, away from the viewpoint."""
         lines = self._pixels(index) @ self._A.T

@@ -1,0 +1,110 @@
+"""Gradient-boosted decision trees as arrays in a file: read and asked here, made by `pecgrasp train-segmenter`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.errors import ConfigError
+from grasping.segmentation.kernels import compiled
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+FORMAT = 1
+ARRAYS = ("feature", "threshold", "left", "right", "missing_left", "value", "start")
+
+
+@dataclass(frozen=True)
+class BoostedTrees:
+    """Nodes (K,) of all trees, each tree's after the last one's. feature: what is asked, −1 in a leaf; a value of at
+    most threshold goes on to the node `left`, others to `right`, NaN where missing_left says. value: a leaf's part of
+    the log odds. start: (T,) the trees' first nodes. baseline: the log odds before any tree.
+    """
+
+    feature: NDArray[np.int32]
+    threshold: Float32Array
+    left: NDArray[np.int32]
+    right: NDArray[np.int32]
+    missing_left: NDArray[np.int32]
+    value: FloatArray
+    start: NDArray[np.int32]
+    baseline: float
+
+    def log_odds(self, features: Float32Array) -> FloatArray:
+        """(P,) for rows of features (P, F), NaN where one is not known."""
+        features = np.ascontiguousarray(features, dtype=np.float32)
+        if compiled is not None and len(features):
+            odds = np.full(len(features), self.baseline)
+            nodes = (self.feature, self.threshold, self.left, self.right, self.missing_left, self.value, self.start)
+            compiled.add_trees(*nodes, features, odds)
+            return odds
+        return self.log_odds_reference(features)
+
+    def log_odds_reference(self, features: Float32Array) -> FloatArray:
+        """`log_odds` in NumPy."""
+        rows = np.arange(len(features))[:, None]
+        node = np.tile(self.start, (len(features), 1))
+        while True:
+            asked = self.feature[node]
+            inner = asked >= 0
+            if not inner.any():
+                break
+            known = features[rows, np.maximum(asked, 0)]
+            to_left = np.where(np.isnan(known), self.missing_left[node] > 0, known <= self.threshold[node])
+            node = np.where(inner, np.where(to_left, self.left[node], self.right[node]), node)
+        odds = np.full(len(features), self.baseline)
+        for part in self.value[node].T:  # one tree after the other, as C adds
+            odds += part
+        return odds
+
+
+@dataclass(frozen=True)
+class Relations:
+    """How sure two patches are of one object: trees for those that adjoin and for those that do not.
+
+    about: where the trees come from: data, its hash, metrics. near_names, far_names: of their features.
+    """
+
+    near: BoostedTrees
+    far: BoostedTrees
+    about: dict[str, Any]
+
+
+def write_relations(path: Path, relations: Relations, near_names: tuple[str, ...], far_names: tuple[str, ...]) -> None:
+    """Write an .npz file with the metadata as JSON in it."""
+    arrays: dict[str, NDArray] = {}
+    for name, trees in (("near", relations.near), ("far", relations.far)):
+        arrays |= {f"{name}_{key}": getattr(trees, key) for key in ARRAYS}
+        arrays[f"{name}_baseline"] = np.float64(trees.baseline)
+    head = {"format": FORMAT, "near": list(near_names), "far": list(far_names), "about": relations.about}
+    arrays["head"] = np.frombuffer(json.dumps(head, sort_keys=True).encode(), dtype=np.uint8)
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+@lru_cache(maxsize=4)
+def read_relations(path: Path, near_names: tuple[str, ...], far_names: tuple[str, ...]) -> Relations:
+    """Read what `write_relations` wrote for these features. Raises ConfigError where it was written for others."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+        head = json.loads(arrays["head"].tobytes())
+        found = [
+            BoostedTrees(*(arrays[f"{name}_{key}"] for key in ARRAYS), baseline=float(arrays[f"{name}_baseline"]))
+            for name in ("near", "far")
+        ]
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError) as error:
+        raise ConfigError(f"relations = {path}: not a file of pecgrasp train-segmenter ({error})") from error
+    if (head["format"], head["near"], head["far"]) != (FORMAT, list(near_names), list(far_names)):
+        way_out = "train it again with pecgrasp train-segmenter"
+        raise ConfigError(f"relations = {path}: its trees ask for other features than this version knows; {way_out}")
+    return Relations(found[0], found[1], head["about"])

@@ -1,0 +1,161 @@
+"""What is measured on each patch by itself: sums over its pixels, from which any union of patches is measured, too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.segmentation.kernels import compiled
+from grasping.segmentation.surface_fits import SurfaceFits
+from grasping.segmentation.working_image import WorkingImage
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+Labels = NDArray[np.int32]
+
+QUADRATIC = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of column and row in the fitted surface
+POWERS = tuple((i, j) for i in range(5) for j in range(5 - i))  # of its normal equations
+TALLEST, BINS = 0.512, 256  # m and number: heights are counted in bins of 2 mm
+LOW = 0.012  # m: a patch's pixel at the table's side as low as this stands on it
+SUMS = 1 + len(POWERS) + len(QUADRATIC) + 1 + 3 + 6 + 3 + 1 + 1  # see `sums_reference`
+SIDES = 5
+
+
+@dataclass(frozen=True)
+class PatchMeasures:
+    """Of patches 0 … n (row 0 is empty): pixels (n + 1,); moments (n + 1, 6, 6), products (n + 1, 6) and squares
+    (n + 1,) of the fit of inverse depth by a quadratic of column and row (rad from the image's middle); centre
+    (n + 1, 3), m from the camera, and scatter (n + 1, 3, 3); normal (n + 1, 3), their mean; area (n + 1,), m² across
+    the line of sight; edge (n + 1,), the mean; heights (n + 1, 3), m, of which 5, 50 and 95 % are lower;
+    outline (n + 1,), sides of pixels, and of these the share beside the table, low beside the table, where nothing is
+    measured, and at the image's edge, sides (n + 1, 4).
+    """
+
+    pixels: FloatArray
+    moments: FloatArray
+    products: FloatArray
+    squares: FloatArray
+    centre: FloatArray
+    scatter: FloatArray
+    normal: FloatArray
+    area: FloatArray
+    edge: FloatArray
+    heights: FloatArray
+    outline: FloatArray
+    sides: FloatArray
+
+
+def measure_patches(
+    image: WorkingImage,
+    fits: SurfaceFits,
+    positions: Float32Array,
+    labels: Labels,
+    count: int,
+    edge: Float32Array,
+    height: Float32Array,
+    table: NDArray[np.bool_],
+) -> PatchMeasures:
+    """positions (h, w, 3), m; edge, height (h, w), m above the table, NaN without one; table (h, w): its pixels."""
+    surroundings = np.where(table, np.float32(1), np.where(image.inverse_depth > 0, np.float32(0), np.float32(-1)))
+    arguments = (image.inverse_depth, fits.normals, positions, labels, edge, height, surroundings)
+    sums = np.zeros((count + 1, SUMS))
+    bins = np.zeros((count + 1, BINS))
+    sides = np.zeros((count + 1, SIDES))
+    if compiled is not None:
+        compiled.measure_patches(*arguments, image.pixel, sums, bins, sides)
+    else:
+        sums_reference(*arguments, image.pixel, sums, bins, sides)
+    pixels = sums[:, 0]
+    at_least = np.maximum(pixels, 1.0)
+    number = {power: 1 + k for k, power in enumerate(POWERS)}
+    moments = np.empty((count + 1, 6, 6))
+    for i, (a, b) in enumerate(QUADRATIC):
+        for j, (c, d) in enumerate(QUADRATIC):
+            moments[:, i, j] = sums[:, number[a + c, b + d]]
+    at = 1 + len(POWERS)
+    products, squares = sums[:, at : at + 6], sums[:, at + 6]
+    at += 7
+    centre, second = sums[:, at : at + 3] / at_least[:, None], sums[:, at + 3 : at + 9] / at_least[:, None]
+    scatter = np.empty((count + 1, 3, 3))
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        scatter[:, i, j] = scatter[:, j, i] = second[:, k] - centre[:, i] * centre[:, j]
+    at += 9
+    outline = np.maximum(sides[:, 0], 1.0)
+    return PatchMeasures(
+        pixels=pixels,
+        moments=moments,
+        products=products,
+        squares=squares,
+        centre=centre,
+        scatter=scatter,
+        normal=sums[:, at : at + 3] / at_least[:, None],
+        area=sums[:, at + 3],
+        edge=sums[:, at + 4] / at_least,
+        heights=_quantiles(bins) if np.isfinite(height).any() else np.full((count + 1, 3), np.nan),
+        outline=outline,
+        sides=sides[:, 1:] / outline[:, None],
+    )
+
+
+def sums_reference(
+    inverse_depth: Float32Array,
+    normals: Float32Array,
+    positions: Float32Array,
+    labels: Labels,
+    edge: Float32Array,
+    height: Float32Array,
+    surroundings: Float32Array,
+    pixel: float,
+    sums: FloatArray,
+    bins: FloatArray,
+    sides: FloatArray,
+) -> None:
+    """Add up for each label: 1; column and row to `POWERS`; the quadratic's terms times inverse depth; its square;
+    position; its products; normal; area; edge. bins: heights. sides: of the outline, and what they are beside.
+    surroundings: 1 table, 0 other, −1 nothing measured.
+    """
+    h, w = labels.shape
+    at = np.flatnonzero(labels)
+    own = labels.ravel()[at]
+    row, column = np.divmod(at, w)
+    across = (column - (w - 1) / 2) * pixel
+    down = (row - (h - 1) / 2) * pixel
+    q = inverse_depth.ravel()[at].astype(np.float64)
+    place = positions.reshape(-1, 3)[at].astype(np.float64)
+    normal = normals.reshape(-1, 3)[at].astype(np.float64)
+    power_c, power_r = [np.ones(len(at))], [np.ones(len(at))]
+    for _ in range(4):
+        power_c.append(power_c[-1] * across)
+        power_r.append(power_r[-1] * down)
+    values = [power_c[0]]
+    values += [power_c[i] * power_r[j] for i, j in POWERS]
+    values += [power_c[i] * power_r[j] * q for i, j in QUADRATIC]
+    values += [q * q]
+    values += [place[:, k] for k in range(3)]
+    values += [place[:, i] * place[:, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+    values += [normal[:, k] for k in range(3)]
+    values += [pixel * pixel / (q * q), np.minimum(edge.ravel()[at].astype(np.float64), 2.0)]
+    for k, value in enumerate(values):
+        sums[:, k] = np.bincount(own, value, minlength=len(sums))
+    high = height.ravel()[at]
+    known = np.isfinite(high)
+    number = np.clip((high[known] * np.float32(BINS / TALLEST)).astype(np.int64), 0, BINS - 1)
+    bins += np.bincount(own[known] * BINS + number, minlength=bins.size).reshape(bins.shape)
+    around = surroundings.ravel()
+    for step, inside in ((1, column < w - 1), (-1, column > 0), (w, row < h - 1), (-w, row > 0)):
+        beside = np.where(inside, at + step, 0)
+        outside = ~inside | (labels.ravel()[beside] != own)
+        bare = outside & inside & (labels.ravel()[beside] == 0)
+        table = bare & (around[beside] > 0)
+        for k, which in enumerate((outside, table, table & (high < LOW), bare & (around[beside] < 0), ~inside)):
+            sides[:, k] += np.bincount(own[which], minlength=len(sides))
+
+
+def _quantiles(bins: FloatArray) -> FloatArray:
+    """(n, 3) the heights, m, below which 5, 50 and 95 % of each row's pixels lie."""
+    upto = np.cumsum(bins, axis=1)
+    total = upto[:, -1:]
+    width = TALLEST / BINS
+    return np.stack([(np.count_nonzero(upto < share * total, axis=1) + 0.5) * width for share in (0.05, 0.5, 0.95)], 1)

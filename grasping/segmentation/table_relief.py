@@ -1,0 +1,95 @@
+"""What stands out of the table: by more than the table's own noise, once the sensor's bending of it is taken off.
+
+A real table is no plane to a camera: lens and projector bend it by up to a centimetre, smoothly. A cubic surface
+takes that off, and what is left is the noise, from which flat things then stand out that a band about a plane swallows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from grasping.segmentation.working_image import WorkingImage
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+NEAR = 0.02  # m from the plane, within which a pixel may be the table's
+ORDER = 3  # of the surface that bends the plane
+EVERY = 4  # pixels along rows and columns, of which one says how the table bends
+LEAST = 0.0012  # 1/m: of the noise; a perfect sensor's is not taken at its word
+FEWEST = 100  # pixels of the table that say how it bends
+STRONG, WEAK = 4.0, 2.0  # times the noise of the mean of 3×3 pixels: what stands out, and what hangs together with it
+OWN = (1.0, 0.5)  # times a pixel's own noise, likewise
+LEAST_STRONG = 12  # pixels of a thing that stand out
+
+
+@dataclass(frozen=True)
+class Relief:
+    """above: (h, w), 1/m, each pixel's inverse depth less the table's. table: (h, w), 1/m, the table's. noise: σ of
+    the table's pixels, 1/m. stands_out: (h, w) what is no table and lies above it.
+    """
+
+    above: Float32Array
+    table: Float32Array
+    noise: float
+    stands_out: NDArray[np.bool_]
+
+
+def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Relief:
+    """Tell what stands on a table from the table. height: (h, w) of the pixels above the plane (4,), m."""
+    q = image.inverse_depth
+    measured = q > 0
+    table = image.plane_inverse_depth(plane)
+    near = measured & (np.abs(height) < NEAR)
+    bend, noise = _bend(q - table, near)
+    table = table + bend
+    above = np.where(measured, q - table, np.float32(0))
+    mean = _mean_of_nine(np.clip(above, -0.02, 0.02), measured)
+    of_table = mean[near & (np.abs(mean) < 4 * noise)]
+    level = max(1.4826 * float(np.median(np.abs(of_table))), LEAST / 3) if len(of_table) else noise
+    weak = measured & (mean > WEAK * level) & (above > OWN[1] * noise) & (height > -NEAR)
+    together, count = ndimage.label(weak)
+    strong = (mean > STRONG * level) & (above > OWN[0] * noise)
+    enough = np.bincount(together.ravel(), strong.ravel(), minlength=count + 1) >= LEAST_STRONG
+    enough[0] = False
+    return Relief(above, table, noise, enough[together])
+
+
+def _bend(above: Float32Array, near: NDArray[np.bool_]) -> tuple[Float32Array, float]:
+    """(h, w) by how much the table is nearer than its plane, 1/m, smoothly, and the σ of what is left."""
+    h, w = above.shape
+    across = np.linspace(-1, 1, w)[:, None] ** np.arange(ORDER + 1)
+    down = np.linspace(-1, 1, h)[:, None] ** np.arange(ORDER + 1)
+    powers = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
+    row, column = np.nonzero(near[::EVERY, ::EVERY])
+    terms = np.stack([down[::EVERY][row, i] * across[::EVERY][column, j] for i, j in powers], axis=1)
+    seen = above[::EVERY, ::EVERY][row, column].astype(np.float64)
+    factors, limit = np.zeros(len(powers)), NEAR
+    for _ in range(6):
+        left = seen - terms @ factors
+        inside = np.abs(left) < limit
+        if np.count_nonzero(inside) < FEWEST:
+            break
+        used = terms[inside]
+        # A little of a ridge: where no table is seen nothing is claimed.
+        normal = used.T @ used + 1e-4 * len(used) * np.eye(len(powers))
+        factors = np.linalg.solve(normal, used.T @ seen[inside])
+        left = seen - terms @ factors
+        limit = max(3 * 1.4826 * float(np.median(np.abs(left[inside]))), 3 * LEAST)
+    else:
+        grid = np.zeros((ORDER + 1, ORDER + 1))
+        for (i, j), factor in zip(powers, factors, strict=True):
+            grid[i, j] = factor
+        return (down.astype(np.float32) @ (grid @ across.T).astype(np.float32)), limit / 3
+    return np.zeros_like(above), NEAR / 6
+
+
+def _mean_of_nine(values: Float32Array, measured: NDArray[np.bool_]) -> Float32Array:
+    """(h, w) the mean of the measured ones among a pixel and its eight neighbours."""
+    total = ndimage.uniform_filter(np.where(measured, values, np.float32(0)), 3, mode="constant")
+    share = ndimage.uniform_filter(measured.astype(np.float32), 3, mode="constant")
+    return np.asarray(total / np.maximum(share, np.float32(1e-3)))
