@@ -17,6 +17,7 @@ from grasping.segmentation.planes import Plane
 from grasping.segmentation.robot_body import RobotBody
 from grasping.segmentation.scene import Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, View, find_table
+from grasping.segmentation.working_image import WorkingImage, loose_image, organised_image
 from grasping.validation import FARTHEST, position
 
 FloatArray = NDArray[np.float64]
@@ -191,6 +192,14 @@ class Frame:
             return None
         side = np.sign(ahead)  # x right, y down, z forward; or x right, y up, z backward
         return View(np.array([0.0, side, 0.0]), np.array([0.0, 0.0, side]))
+
+    def working_image(self, plane: FloatArray | None) -> WorkingImage | None:
+        """What surfaces are told apart in; None where nobody knows from where the points were seen."""
+        if self.sight is not None:
+            return organised_image(self.points, self.valid, self.sight.shape, self.sight)
+        if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
+            return None
+        return loose_image(self.points, self.valid, self._origin)
 
     def area(self, index: IntArray, pitch: float) -> float:
         """How large what these points show is across the line of sight, m². pitch: m between points of the table."""

@@ -31,9 +31,16 @@ AT_BORDER = (
 )
 OF_BOTH = (
     ["behind_one", "at_hole"]
-    + [f"{fit}_{which}" for fit in ("plane", "quadric") for which in ("smaller", "larger", "both", "more", "off", "off_mean")]
+    + [
+        f"{fit}_{which}"
+        for fit in ("plane", "quadric")
+        for which in ("smaller", "larger", "both", "more", "off", "off_mean")
+    ]
     + ["angle", "spread_smaller", "spread_larger", "up_smaller", "up_larger"]
-    + [f"height_{name}" for name in ("5_s", "5_l", "50_s", "50_l", "95_s", "95_l", "tops", "feet", "s_over_l", "l_over_s")]
+    + [
+        f"height_{name}"
+        for name in ("5_s", "5_l", "50_s", "50_l", "95_s", "95_l", "tops", "feet", "s_over_l", "l_over_s")
+    ]
     + [f"{name}_{which}" for name in ("table", "stands", "nothing", "image", "edge", "area") for which in ("s", "l")]
     + ["ratio", "pixels", "distance", "above", "beside"]
     + [f"extent_{axis}_{which}" for axis in range(3) for which in ("s", "l", "both")]
@@ -117,7 +124,7 @@ def shape_features(
         return _none(OF_BOTH)
     pixels = measures.pixels
     swap = pixels[first] > pixels[second]
-    s, l = np.where(swap, second, first), np.where(swap, first, second)
+    s, l = np.where(swap, second, first), np.where(swap, first, second)  # noqa: E741
     both = pixels[s] + pixels[l]
     rows = [hidden, at_hole]
     for terms in (3, 6):

@@ -19,6 +19,7 @@ Labels = NDArray[np.int32]
 REACH = 5  # pixels: a border may be as wide where nothing is known in between
 IN_FRONT = 0.008  # 1/m by which one patch hides another at their border
 LEAST_BORDER = 4  # pixel pairs that show which of two is in front
+MOSTLY = 0.5  # of a border on which two surfaces go over into each other
 LEAST_AT_HOLE = 3  # pixels of a patch at a hole
 LARGE_HOLE = 0.05  # of the image: not a hole of one object
 
@@ -78,8 +79,13 @@ def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
     )
 
 
-def hidden_pairs(found: Borders, first_in_front: IntArray, second_in_front: IntArray) -> set[tuple[int, int]]:
-    """Pairs that do not adjoin, but both lie behind one nearer patch. *_in_front: (P,) pixel pairs that show it."""
+def hidden_pairs(
+    found: Borders, first_in_front: IntArray, second_in_front: IntArray, level: NDArray[np.floating]
+) -> set[tuple[int, int]]:
+    """Pairs that do not adjoin, but lie behind one nearer patch, or behind two that go over into each other.
+
+    *_in_front: (P,) pixel pairs that show it. level: (P,) the share of a border on which neither is in front.
+    """
     behind: dict[int, set[int]] = {}
     for front, back, shown in (
         (found.first, found.second, first_in_front),
@@ -88,7 +94,12 @@ def hidden_pairs(found: Borders, first_in_front: IntArray, second_in_front: IntA
         for number in np.flatnonzero(shown >= LEAST_BORDER):
             behind.setdefault(int(front[number]), set()).add(int(back[number]))
     adjoin = _as_set(found)
-    return {pair for patches in behind.values() for pair in combinations(sorted(patches), 2)} - adjoin
+    pairs = {pair for patches in behind.values() for pair in combinations(sorted(patches), 2)}
+    for number in np.flatnonzero(level > MOSTLY):
+        one, other = int(found.first[number]), int(found.second[number])
+        for i in behind.get(one, ()):
+            pairs |= {(min(i, j), max(i, j)) for j in behind.get(other, ()) if i != j}
+    return pairs - adjoin
 
 
 def pairs_at_holes(labels: Labels, measured: NDArray[np.bool_], found: Borders) -> set[tuple[int, int]]:

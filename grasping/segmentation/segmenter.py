@@ -2,48 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import ConfigError, require_between
-from grasping.geometry.clustering import by_label, voxel_clusters
-from grasping.segmentation.depth_holes import parts_over_holes
-from grasping.segmentation.footprints import convex_outline, label_footprints, spacing
+from grasping.geometry.clustering import by_label
+from grasping.segmentation.boosted_trees import Relations
+from grasping.segmentation.by_footprints import clusters_in_space, clusters_on_table
+from grasping.segmentation.by_surfaces import group_by_surfaces
 from grasping.segmentation.frame import Frame
-from grasping.segmentation.planes import basis, fit_all
+from grasping.segmentation.object_rules import Limits, ObjectRules, Tabletop, upward
+from grasping.segmentation.planes import Plane, fit_all
 from grasping.segmentation.published import PublishedSegmenter
-from grasping.segmentation.rims import join_walls
-from grasping.segmentation.saddles import parts_above_saddles
-from grasping.segmentation.scene import Rejected, Scene
-from grasping.segmentation.table_gaps import parts_by_table
+from grasping.segmentation.scene import Cut, Rejected, Scene
+from grasping.segmentation.surfaces import Surfaces, trained_relations
+from grasping.segmentation.working_image import WorkingImage
 from grasping.validation import FARTHEST, unit_vector
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-BESIDE_TABLE = 0.01  # m outside of the seen table's outline
-_SMALL = "small"
-_BESIDE = "beside the table"
+
+ON_TABLE = 3.0  # times the table's noise
 
 
 class Segmenter:
-    """Crop in depth → table → outliers → clusters.
+    """Crop in depth → table → surfaces → objects.
 
-    Things are told apart by their footprints on the table. Seen along its normal, parts of one object that hide each
-    other from the camera still touch, and neighbours a gap apart do not. Without a table the clusters are Euclidean.
-    What touches or is stacked is one object, and what another hides the middle of may be two. Of what is flat only so
-    much is found as the sensor's noise leaves: an object of 12 mm up to a residual of the table of about 3 mm.
+    A frame is cut into surfaces, and trees that were trained on simulated scenes say which of them are of one object,
+    so that things are told apart that touch, lean, hide and lie on each other. A loose cloud is drawn as its camera saw
+    it; where nobody knows from where (`viewpoint`), things are told apart by the places they stand on, and what touches
+    is one. What is flat is found so far as it stands out of the table by more than the sensor's noise.
 
     depth_range: nearest and farthest distance from the frame's origin, m.
     plane_distance: RANSAC's inlier distance, m.
     plane_band: least and greatest distance (m) from the refined plane within which a point is table; between the two it
         is three times the plane's measured residual, so that an object of 12 mm survives noise of 1 to 2 mm.
-    gap: between two objects, m; at 1.2 gaps they are surely told apart, at 0.8 they are one.
+    gap: between two objects of a loose cloud without viewpoint, m; at 1.2 gaps they are surely told apart, at 0.8 they
+        are one.
     min_points, min_area, min_height: clusters of fewer points, of less area (m², across the line of sight) or lower (m,
         95 % of its points) are noise and unevenness of the table.
     max_extent: larger clusters are no objects for a hand, m. max_height: points higher above the table are left out, m.
+    relations: file of `pecgrasp train-segmenter`, of another camera's trees; None: the package's own.
     seed: of RANSAC's draws; the same input gives the same scene.
     """
 
@@ -56,9 +60,10 @@ class Segmenter:
         gap: float = 0.015,
         min_points: int = 40,
         min_area: float = 2e-4,
-        min_height: float = 0.008,
+        min_height: float = 0.002,
         max_extent: float = 0.45,
         max_height: float = 0.45,
+        relations: str | Path | None = None,
         seed: int = 0,
     ) -> None:
         for name, pair in (("depth_range", depth_range), ("plane_band", plane_band)):
@@ -83,6 +88,7 @@ class Segmenter:
         self.min_height = min_height
         self.max_extent = max_extent
         self.max_height = max_height
+        self.relations = None if relations is None else Path(relations)
         self.seed = seed
 
     @staticmethod
@@ -108,185 +114,101 @@ class Segmenter:
         range.
         """
         frame = Frame(cloud, self.depth_range, viewpoint, robot)
-        up_vector = None if up is None else unit_vector(up, name="up")
-        rng = np.random.default_rng(self.seed)
-        plane = frame.find_table(up_vector, rng, self.plane_distance, self.plane_band)
+        plane, height = self._table(frame, None if up is None else unit_vector(up, name="up"))
+        image = frame.working_image(None if plane is None else plane.equation)
+        if image is not None:
+            return self._by_surfaces(frame, image, plane, height)
+        if plane is None or height is None:
+            rules = ObjectRules(frame, self._limits, None)
+            found = rules.sort(clusters_in_space(frame, np.flatnonzero(frame.valid), self.gap))
+            return frame.scene(None, found.objects, found.obstacles, 0)
+        table = np.flatnonzero(np.abs(height) <= plane.band)
+        above = self._not_too_tall(frame, np.flatnonzero(height > plane.band), height)
+        frame.reject_below(plane.equation, int(np.count_nonzero(height < -plane.band)))
+        rules = ObjectRules(frame, self._limits, Tabletop(frame, plane.equation, height, table))
+        found = rules.sort(clusters_on_table(frame, above, rules, self.gap))
+        return frame.scene(plane.equation, found.objects, found.obstacles, len(table))
+
+    def surfaces(self, cloud: ArrayLike, *, with_table: bool = True) -> Surfaces | None:
+        """The patches of a frame (H, W, 3) and their pairs, as `segment` meets them; None where it does without.
+
+        with_table: whether a table is looked for. Raises CloudError as `segment` does.
+        """
+        frame = Frame(cloud, self.depth_range)
+        plane = self._table(frame, None)[0] if with_table else None
+        equation = None if plane is None else plane.equation
+        image = frame.working_image(equation)
+        return None if image is None else Surfaces(image, equation, self.max_height)
+
+    def _table(self, frame: Frame, up: FloatArray | None) -> tuple[Plane | None, NDArray | None]:
+        """The table's plane, fitted to all of its points, and the heights (N,) above it."""
+        plane = frame.find_table(up, np.random.default_rng(self.seed), self.plane_distance, self.plane_band)
         if isinstance(plane, str):
-            return self._without_table(frame)
+            return None, None
         height = frame.heights(plane.equation)
         plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
-        height = frame.heights(plane.equation)
-        table = np.flatnonzero(np.abs(height) <= plane.band)
-        above = np.flatnonzero(height > plane.band)
+        return plane, frame.heights(plane.equation)
+
+    def _by_surfaces(
+        self, frame: Frame, image: WorkingImage, plane: Plane | None, height: NDArray | None
+    ) -> Scene:
+        equation = None if plane is None else plane.equation
+        groups = group_by_surfaces(image, frame.valid, equation, self.max_height, self._relations)
+        chosen, on_ramps = frame.without_flying(np.flatnonzero(groups.number), equation)
+        tabletop, table = None, np.empty(0, dtype=np.int64)
+        if plane is not None and height is not None and groups.above_table is not None:
+            level = np.abs(height) <= plane.band
+            level |= np.abs(groups.above_table) <= np.float32(ON_TABLE * groups.table_noise)
+            free = frame.valid & (groups.number == 0)
+            table = np.flatnonzero(level & free)
+            left = free & ~level
+            alone = self._not_too_tall(frame, np.flatnonzero(left & (height > 0)), height)
+            frame.reject("points", "isolated, or too little above the table for the sensor's noise", len(alone))
+            frame.reject_below(plane.equation, int(np.count_nonzero(left & (height <= 0))))
+            height = _above_bent(height, groups.above_table, image, plane.equation)
+            tabletop = Tabletop(frame, plane.equation, height, table)
+        else:
+            alone = frame.valid & (groups.number == 0)
+            frame.reject("points", "isolated", int(np.count_nonzero(alone)))
+        number = groups.number.take(chosen).astype(np.int64)
+        clusters = frame.with_edges([chosen[members] for members in by_label(number)], on_ramps)
+        found = ObjectRules(frame, self._limits, tabletop).sort(clusters)
+        order = sorted(range(len(found.objects)), key=lambda i: -len(found.objects[i]))
+        scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
+        place = {found.number[i]: rank for rank, i in enumerate(order)}
+        cuts = [
+            Cut(*sorted((place[one], place[other])), sure)
+            for (one, other), sure in groups.cuts.items()
+            if one in place and other in place
+        ]
+        confidence = [float(groups.confidence[found.number[i]]) for i in order]
+        return replace(scene, confidence=confidence, cuts=sorted(cuts, key=lambda cut: (cut.first, cut.second)))
+
+    def _not_too_tall(self, frame: Frame, above: IntArray, height: NDArray) -> IntArray:
+        """Those of the points above the table that are not higher than `max_height`; the others are noted."""
         tall = height.take(above) > self.max_height
         if tall.any():
-            way_out = f"max_height={_upward(height.take(above).max()):g}"
+            way_out = f"max_height={upward(height.take(above).max()):g}"
             why = f"more than {self.max_height:g} m above the table"
-            frame.reject("points", why, above[tall], way_out)
-        frame.reject_below(plane.equation, np.flatnonzero(height < -plane.band))
-        chosen, on_ramps = frame.without_flying(above[~tall], plane.equation)
-        level = basis(plane.equation[:3])
-        flat = frame.points.take(chosen, axis=0) @ level
-        seen = frame.points.take(table[:: max(1, len(table) // 5000)], axis=0) @ level
-        pitch = spacing(seen, len(table))
-        labels = label_footprints(flat, self.gap, pitch)
-        on_table = _OnTable(level, height, flat, convex_outline(seen), pitch)
-        kept, obstacles = self._sort(frame, chosen, labels, on_table)
-        kept = self._over_holes(frame, frame.with_edges(kept, on_ramps), table, on_table)
-        return frame.scene(plane.equation, kept, obstacles, len(table))
+            frame.reject("points", why, int(np.count_nonzero(tall)), way_out)
+        return above[~tall]
 
-    def _without_table(self, frame: Frame) -> Scene:
-        chosen, on_ramps = frame.without_flying(np.flatnonzero(frame.valid))
-        labels = voxel_clusters(frame.points.take(chosen, axis=0).astype(np.float64), self.gap)
-        kept, obstacles = self._sort(frame, chosen, labels, None)
-        return frame.scene(None, frame.with_edges(kept, on_ramps), obstacles, 0)
+    @property
+    def _limits(self) -> Limits:
+        return Limits(self.min_points, self.min_area, self.min_height, self.max_extent)
 
-    def _sort(
-        self, frame: Frame, chosen: IntArray, labels: IntArray, on_table: _OnTable | None
-    ) -> tuple[list[IntArray], list[IntArray]]:
-        """Split the clusters into objects, the largest first, and others that may be in the way."""
-        kept: list[IntArray] = []
-        obstacles: list[IntArray] = []
-        small: list[IntArray] = []
-        frame.reject("points", "isolated", chosen[labels < 0])
-        for cluster in by_label(labels):
-            # What is no object whatever its parts are is not taken apart.
-            why_whole = self._too_little(frame, chosen[cluster], on_table)
-            if why_whole is None and on_table is not None and on_table.beside(cluster, every_one=True):
-                why_whole = _BESIDE
-            parts = [cluster] if why_whole else self._parts(frame, chosen, cluster, on_table)
-            for members in parts:
-                points, why = chosen[members], why_whole
-                if len(parts) > 1:
-                    why = self._too_little(frame, points, on_table)
-                if why is None:
-                    why = self._misplaced(frame, points, members, on_table)
-                if why is None:
-                    kept.append(points)
-                elif why == _SMALL:
-                    small.append(points)
-                else:
-                    frame.reject("cluster", why, points, self._way_out(frame, points, on_table, why))
-                    if not why.startswith("only"):
-                        obstacles.append(points)
-        if on_table is not None and len(kept) > 1:
-            few = [points[:: max(1, len(points) // 2000)] for points in kept]  # suffice for their edges
-            walls = [
-                (frame.points.take(points, axis=0) @ on_table.level, on_table.height.take(points)) for points in few
-            ]
-            kept = [np.concatenate([kept[i] for i in numbers]) for numbers in join_walls(walls)]
-        least = f"fewer than {self.min_points} points or less than {self.min_area * 1e4:g} cm²"
-        if small:
-            frame.reject("points", f"in {len(small)} clusters of {least}", np.concatenate(small))
-        return sorted(kept, key=lambda points: -len(points)), obstacles
-
-    def _over_holes(self, frame: Frame, kept: list[IntArray], table: IntArray, on_table: _OnTable) -> list[IntArray]:
-        """The objects, the largest first, with those joined that only a hole in the depth divides."""
-        if len(kept) < 2 or frame.sight is None:
-            return kept
-        groups = parts_over_holes(
-            kept, *frame.measured(), frame.sight.viewpoint, table, on_table.level, 2.0 * on_table.pitch
-        )
-        joined = [np.sort(np.concatenate([kept[i] for i in numbers])) for numbers in groups]
-        if len(joined) == len(kept) or any(self._extent(frame, points) > self.max_extent for points in joined):
-            return kept
-        return sorted(joined, key=lambda points: -len(points))
-
-    def _parts(self, frame: Frame, chosen: IntArray, members: IntArray, on_table: _OnTable | None) -> list[IntArray]:
-        """A cluster's members, by the parts between which the table is seen; what is then too large, by what it is
-        above the feet of its parts.
-        """
-        if on_table is None:
-            return [members]
-        points = chosen[members]
-        least = max(self.min_points, round(len(members) * self.min_area / frame.area(points, on_table.pitch)))
-        parts = [members]
-        if frame.shape is not None:
-            flat = on_table.flat.take(members, axis=0)
-            parts = [
-                members[part] for part in by_label(parts_by_table(points, flat, on_table.height, frame.shape[1], least))
-            ]
-        done: list[IntArray] = []
-        while parts:
-            part = parts.pop()
-            group = None
-            if self._extent(frame, chosen[part]) > self.max_extent:
-                flat, height = on_table.flat.take(part, axis=0), on_table.height.take(chosen[part])
-                group = parts_above_saddles(flat, height, self.gap, on_table.pitch, least)
-            if group is None:
-                done.append(part)
-            else:
-                parts += [part[each] for each in by_label(group)]
-        return done
-
-    @staticmethod
-    def _extent(frame: Frame, points: IntArray) -> float:
-        coordinates = np.ascontiguousarray(frame.points.take(points, axis=0).T)  # extremes over long rows are fast
-        return float(np.ptp(coordinates, axis=1).max())
-
-    def _too_little(self, frame: Frame, points: IntArray, on_table: _OnTable | None) -> str | None:
-        """Why so few or so low points are no object."""
-        if len(points) < self.min_points:
-            return _SMALL
-        known = on_table is not None or frame.sight is not None
-        if known and frame.area(points, 0.0 if on_table is None else on_table.pitch) < self.min_area:
-            return _SMALL
-        if on_table is not None and (top := _upper(on_table.height.take(points))) < self.min_height:
-            return f"only {top * 1e3:.0f} mm high"
-        return None
-
-    def _misplaced(self, frame: Frame, points: IntArray, members: IntArray, on_table: _OnTable | None) -> str | None:
-        """Why what is large enough is no object on the table."""
-        if (extent := self._extent(frame, points)) > self.max_extent:
-            return f"{extent:.2f} m large, more than {self.max_extent:g} m"
-        return _BESIDE if on_table is not None and on_table.beside(members) else None
-
-    def _way_out(self, frame: Frame, points: IntArray, on_table: _OnTable | None, why: str) -> str:
-        """The setting with which a cluster would be an object, empty where there is none."""
-        if why == _BESIDE:
-            return ""
-        if on_table is not None and why.startswith("only"):
-            return f"min_height={np.floor(_upper(on_table.height.take(points)) * 1e3) / 1e3:g}"
-        return f"max_extent={_upward(self._extent(frame, points)):g}"
+    @cached_property
+    def _relations(self) -> Relations:
+        return trained_relations(self.relations)
 
 
-@dataclass(frozen=True)
-class _OnTable:
-    """height: (N,) of the frame's points above the table. flat: (C, 2) where the chosen ones are on it. outline: the
-    edges of what is seen of it. pitch: m between its points. level: (3, 2) its basis.
-    """
-
-    level: FloatArray
-    height: NDArray
-    flat: NDArray
-    outline: FloatArray | None
-    pitch: float
-
-    def beside(self, members: IntArray, *, every_one: bool = False) -> bool:
-        """Whether the middle of these points, or every one of them, lies outside of the table's outline."""
-        if self.outline is None:
-            return False
-        flat = self.flat.take(members, axis=0)
-        if not every_one:
-            return _outside(self.outline, flat.mean(axis=0, keepdims=True))
-        return _outside(self.outline, flat[:: max(1, len(flat) // 100)])
-
-
-def _upper(height: NDArray) -> float:
-    """What 95 % of the heights are at most."""
-    last = int(0.95 * (len(height) - 1))
-    return float(np.partition(height, last)[last])
-
-
-def _upward(value: float) -> float:
-    """The next twentieth of a metre above."""
-    return float(np.ceil(20 * value + 1e-6) / 20)
-
-
-def _outside(outline: FloatArray, flat: NDArray) -> bool:
-    """Whether all of these points (M, 2) of the plane lie outside of the table's outline."""
-    beyond = flat @ outline[:, :2].T + outline[:, 2] > BESIDE_TABLE
-    return bool(beyond.any(axis=1).all())
+def _above_bent(height: NDArray, above: NDArray, image: WorkingImage, plane: FloatArray) -> NDArray:
+    """(N,) m above the table as the sensor bends it. above: (N,) likewise, 1/m; height: (N,) above the plane, m."""
+    camera = float(plane[:3] @ image.viewpoint + plane[3])
+    own = image.point_inverse_depth
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # Along the line of sight a point is above / (own (own − above)) nearer, and that falls (camera − height) own.
+        return np.asarray(above / (own - above) * (camera - height))
 
 
 __all__ = ["PublishedSegmenter", "Rejected", "Scene", "Segmenter"]

@@ -27,6 +27,7 @@ LEVELS = (0.25, 0.4, 0.6, 1.0)  # of edge, up to which patches grow, one after t
 LEAST_SEED = 12  # pixels from which a patch grows
 LEAST_PATCH = 6  # pixels that are left over and no patch's
 SMOOTH = 0.5  # mean edge of a border that divides nothing
+CONTINUOUS = 0.03  # 1/m between a pixel and the one that it takes its label from
 MOST_EDGE = 2.0
 NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 
@@ -39,10 +40,10 @@ def cut_into_patches(fits: SurfaceFits, positions: Float32Array, asked: IntArray
     edge = edges(fits, positions, asked)
     if compiled is not None:
         labels = np.zeros(edge.shape, dtype=np.int32)
-        count = compiled.grow_patches(edge, labels)
+        count = compiled.grow_patches(edge, fits.inverse_depth, labels)
         count = compiled.merge_patches(edge, labels, count)
         return labels, count, edge
-    labels, count = grow_patches_reference(edge)
+    labels, count = grow_patches_reference(edge, fits.inverse_depth)
     labels, count = merge_patches_reference(edge, labels, count)
     return labels, count, edge
 
@@ -64,7 +65,12 @@ def edges_reference(
 ) -> Float32Array:
     """`edges` of the asked-for pixels (M,)."""
     h, w = inverse_depth.shape
-    q, slope, normal, place = inverse_depth.ravel(), slopes.reshape(-1, 2), normals.reshape(-1, 3), positions.reshape(-1, 3)
+    q, slope, normal, place = (
+        inverse_depth.ravel(),
+        slopes.reshape(-1, 2),
+        normals.reshape(-1, 3),
+        positions.reshape(-1, 3),
+    )
     row, column = np.divmod(asked, w)
     most = np.zeros(len(asked), dtype=np.float32)
     for down, across in DIRECTIONS:
@@ -86,13 +92,13 @@ def edges_reference(
     return most
 
 
-def grow_patches_reference(edge: Float32Array) -> tuple[Labels, int]:
-    """Patches that grow level by level, by one pixel at a time, from where it is smooth."""
+def grow_patches_reference(edge: Float32Array, inverse_depth: Float32Array) -> tuple[Labels, int]:
+    """Patches that grow level by level, by one pixel at a time, from where it is smooth, and never over a jump."""
     labels, count = np.zeros(edge.shape, dtype=np.int32), 0
     for level in (*LEVELS, np.inf):
         least = LEAST_SEED if level < np.inf else LEAST_PATCH
         open_ = edge <= np.float32(level) if level < np.inf else np.isfinite(edge)
-        _grow(labels, open_)
+        _grow(labels, open_, inverse_depth)
         new, found = ndimage.label(open_ & (labels == 0))
         sizes = np.bincount(new.ravel(), minlength=found + 1)
         number = np.zeros(found + 1, dtype=np.int32)
@@ -103,14 +109,16 @@ def grow_patches_reference(edge: Float32Array) -> tuple[Labels, int]:
     return labels, count
 
 
-def _grow(labels: Labels, open_: NDArray[np.bool_]) -> None:
+def _grow(labels: Labels, open_: NDArray[np.bool_], inverse_depth: Float32Array) -> None:
     """Give open pixels the label of a neighbour, one ring after the other, until none is left beside a label."""
     h, w = labels.shape
     framed = np.zeros((h + 2, w + 2), dtype=np.int32)
     framed[1:-1, 1:-1] = labels
     free = np.zeros((h + 2, w + 2), dtype=bool)
     free[1:-1, 1:-1] = open_ & (labels == 0)
-    flat, free = framed.ravel(), free.ravel()
+    depth = np.zeros((h + 2, w + 2), dtype=np.float32)
+    depth[1:-1, 1:-1] = inverse_depth
+    flat, free, depth = framed.ravel(), free.ravel(), depth.ravel()
     steps = [row * (w + 2) + column for row, column in NEIGHBOURS]
     front = np.flatnonzero(flat > 0)
     while len(front):
@@ -118,10 +126,11 @@ def _grow(labels: Labels, open_: NDArray[np.bool_]) -> None:
         beside = beside[free[beside]]
         taken = np.zeros(len(beside), dtype=np.int32)
         for step in steps:
-            taken = np.where(taken == 0, flat[beside + step], taken)
-        flat[beside] = taken
-        free[beside] = False
-        front = beside
+            near = (taken == 0) & (np.abs(depth[beside + step] - depth[beside]) < np.float32(CONTINUOUS))
+            taken = np.where(near, flat[beside + step], taken)
+        front = beside[taken > 0]
+        flat[front] = taken[taken > 0]
+        free[front] = False
     labels[:] = framed[1:-1, 1:-1]
 
 

@@ -17,7 +17,7 @@ from grasping.segmentation.boosted_trees import Relations, read_relations
 from grasping.segmentation.correlation_clustering import cluster
 from grasping.segmentation.pair_features import AT_BORDER, NAMES, OF_BOTH, border_features, shape_features
 from grasping.segmentation.patch_measures import PatchMeasures, measure_patches
-from grasping.segmentation.patch_pairs import Borders, borders, hidden_pairs, pairs_at_holes
+from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surface_patches import cut_into_patches
 from grasping.segmentation.table_relief import Relief, relief
@@ -36,7 +36,7 @@ MOST_SURE = 9.0  # log odds: no single pair outvotes all others
 class Surfaces:
     """The patches of an image, what pairs of them there are, and what is known of each pair."""
 
-    def __init__(self, image: WorkingImage, plane: FloatArray | None) -> None:
+    def __init__(self, image: WorkingImage, plane: FloatArray | None, max_height: float = 0.45) -> None:
         self.image = image
         self.positions = image.positions()
         measured = image.inverse_depth > 0
@@ -49,12 +49,12 @@ class Surfaces:
             n, d = plane[:3].astype(np.float32), np.float32(plane[3] + plane[:3] @ image.viewpoint)
             height = self.positions[..., 0] * n[0] + self.positions[..., 1] * n[1] + self.positions[..., 2] * n[2] + d
             self.relief = relief(image, plane, height)
-            stands_out = self.relief.stands_out
+            stands_out = self.relief.stands_out & (height <= max_height)
         asked = np.flatnonzero(stands_out)
         fits = fit_surfaces(image, asked)
         self.fitted = fits.inverse_depth
         self.labels, self.count, edge = cut_into_patches(fits, self.positions, asked)
-        table = measured & ~stands_out
+        table = measured & ~(stands_out if self.relief is None else self.relief.stands_out)
         self.borders = borders(self.labels, self.count, (self.labels == 0) & ~table)
         self.measures: PatchMeasures = measure_patches(
             image, fits, self.positions, self.labels, self.count, edge, height, table
@@ -62,7 +62,8 @@ class Surfaces:
         at_border, first_in_front, second_in_front = border_features(
             self.borders, fits, self.positions, self.labels, height, up, self.measures
         )
-        hidden = hidden_pairs(self.borders, first_in_front, second_in_front)
+        level = at_border[:, AT_BORDER.index("level")]
+        hidden = hidden_pairs(self.borders, first_in_front, second_in_front, level)
         at_hole = pairs_at_holes(self.labels, measured, self.borders)
         far = sorted(hidden | at_hole)
         self.far_first = np.array([i for i, _ in far], dtype=np.int64)
@@ -88,13 +89,14 @@ class Surfaces:
         odds = np.concatenate([near, far])
         length = np.sqrt(np.concatenate([np.diff(self.borders.start), np.full(len(far), FAR_LENGTH)]))
         # Patch 0 is no patch: alone it is cluster 0, and objects count from 1.
-        return Grouping(cluster(self.count + 1, first, second, odds * length), first, second, odds, length)
+        adjoin = np.arange(len(first)) < len(near)
+        return Grouping(cluster(self.count + 1, first, second, odds * length), first, second, odds, length, adjoin)
 
 
 @dataclass(frozen=True)
 class Grouping:
     """group: (n + 1,) the object, from 1 up, of each patch; 0 for patch 0, which is none. first, second: (P,) pairs of
-    patches, odds: their log odds of being of one object, length: how much each counts.
+    patches, odds: their log odds of being of one object, length: how much each counts, adjoin: whether they do.
     """
 
     group: IntArray
@@ -102,6 +104,7 @@ class Grouping:
     second: IntArray
     odds: FloatArray
     length: FloatArray
+    adjoin: NDArray[np.bool_]
 
     @cached_property
     def joins(self) -> FloatArray:

@@ -22,9 +22,10 @@ ORDER = 3  # of the surface that bends the plane
 EVERY = 4  # pixels along rows and columns, of which one says how the table bends
 LEAST = 0.0012  # 1/m: of the noise; a perfect sensor's is not taken at its word
 FEWEST = 100  # pixels of the table that say how it bends
-STRONG, WEAK = 4.0, 2.0  # times the noise of the mean of 3×3 pixels: what stands out, and what hangs together with it
-OWN = (1.0, 0.5)  # times a pixel's own noise, likewise
-LEAST_STRONG = 12  # pixels of a thing that stand out
+WEAK = 2.0  # times the noise of the mean of 3×3 pixels, above which a pixel may be a thing's
+OWN = 0.5  # times a pixel's own noise, likewise
+MOST = 8.0  # times that noise over `WEAK` that a pixel counts for
+LEAST_MASS = 80.0  # of what pixels that hang together count for: few that stand out far, or many that do a little
 
 
 @dataclass(frozen=True)
@@ -51,10 +52,10 @@ def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Reli
     mean = _mean_of_nine(np.clip(above, -0.02, 0.02), measured)
     of_table = mean[near & (np.abs(mean) < 4 * noise)]
     level = max(1.4826 * float(np.median(np.abs(of_table))), LEAST / 3) if len(of_table) else noise
-    weak = measured & (mean > WEAK * level) & (above > OWN[1] * noise) & (height > -NEAR)
+    weak = measured & (mean > WEAK * level) & (above > OWN * noise) & (height > -NEAR)
     together, count = ndimage.label(weak)
-    strong = (mean > STRONG * level) & (above > OWN[0] * noise)
-    enough = np.bincount(together.ravel(), strong.ravel(), minlength=count + 1) >= LEAST_STRONG
+    over = np.clip(mean / np.float32(level) - np.float32(WEAK), np.float32(0), np.float32(MOST))
+    enough = np.bincount(together.ravel(), over.ravel(), minlength=count + 1) >= LEAST_MASS
     enough[0] = False
     return Relief(above, table, noise, enough[together])
 

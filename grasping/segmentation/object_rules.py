@@ -1,0 +1,137 @@
+"""Which clusters of points are objects for a hand: large enough, high enough, not too large, and on the table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasping.segmentation.footprints import convex_outline, spacing
+from grasping.segmentation.frame import Frame
+from grasping.segmentation.planes import basis
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+BESIDE_TABLE = 0.01  # m outside of the seen table's outline
+OUTSIDE = 0.9  # of a thing's points, beside the table
+FEW = 200  # points that suffice to say so
+SEEN_OF_TABLE = 5000  # points that suffice for its outline
+SMALL = "small"
+BESIDE = "beside the table"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The segmenter's settings of these names."""
+
+    min_points: int
+    min_area: float
+    min_height: float
+    max_extent: float
+
+
+class Tabletop:
+    """The table under a frame's points. heights: (N,) of the points above it, m. level: (3, 2) its basis. outline: the
+    edges of what is seen of it, or None. pitch: m between its points.
+    """
+
+    def __init__(self, frame: Frame, plane: FloatArray, heights: NDArray, table: IntArray) -> None:
+        self.heights = heights
+        self.level = basis(plane[:3])
+        seen = frame.points.take(table[:: max(1, len(table) // SEEN_OF_TABLE)], axis=0) @ self.level
+        self.pitch = spacing(seen, len(table))
+        self.outline = convex_outline(seen)
+
+    def beside(self, frame: Frame, points: IntArray, share: float = OUTSIDE) -> bool:
+        """Whether at least this share of the points lies outside of the table's outline.
+
+        What stands on a table hides some of it, so that much of a thing at its edge lies outside of what is seen.
+        """
+        if self.outline is None:
+            return False
+        flat = frame.points.take(points[:: max(1, len(points) // FEW)], axis=0) @ self.level
+        beyond = flat @ self.outline[:, :2].T + self.outline[:, 2] > BESIDE_TABLE
+        return bool(np.count_nonzero(beyond.any(axis=1)) >= share * len(flat))
+
+
+@dataclass
+class Sorted:
+    """Objects and what may be in a gripper's way, as points (M,) of the frame; number: of each object's cluster."""
+
+    objects: list[IntArray] = field(default_factory=list)
+    number: list[int] = field(default_factory=list)
+    obstacles: list[IntArray] = field(default_factory=list)
+
+
+class ObjectRules:
+    """Sorts clusters of a frame into objects, obstacles and what is too little to be either, and notes why."""
+
+    def __init__(self, frame: Frame, limits: Limits, tabletop: Tabletop | None) -> None:
+        self.frame, self.limits, self.tabletop = frame, limits, tabletop
+
+    def sort(self, clusters: Sequence[IntArray]) -> Sorted:
+        """The objects among the clusters, in their order."""
+        result, small = Sorted(), []
+        for number, points in enumerate(clusters):
+            why = self.too_little(points) or self.misplaced(points)
+            if why is None:
+                result.objects.append(points)
+                result.number.append(number)
+            elif why == SMALL:
+                small.append(len(points))
+            else:
+                self.frame.reject("cluster", why, len(points), self._way_out(points, why))
+                if not why.startswith("only"):
+                    result.obstacles.append(points)
+        limits = self.limits
+        least = f"fewer than {limits.min_points} points or less than {limits.min_area * 1e4:g} cm²"
+        self.frame.reject("points", f"in {len(small)} clusters of {least}", sum(small))
+        return result
+
+    def extent(self, points: IntArray) -> float:
+        """The longest side of the box around these points, along the frame's axes, m."""
+        coordinates = np.ascontiguousarray(self.frame.points.take(points, axis=0).T)  # extremes over long rows are fast
+        return float(np.ptp(coordinates, axis=1).max())
+
+    def area(self, points: IntArray) -> float:
+        """What these points show across the line of sight, m²."""
+        return self.frame.area(points, 0.0 if self.tabletop is None else self.tabletop.pitch)
+
+    def too_little(self, points: IntArray) -> str | None:
+        """Why so few or so low points are no object."""
+        if len(points) < self.limits.min_points:
+            return SMALL
+        known = self.tabletop is not None or self.frame.sight is not None
+        if known and self.area(points) < self.limits.min_area:
+            return SMALL
+        if self.tabletop is not None and (top := _upper(self.tabletop.heights.take(points))) < self.limits.min_height:
+            return f"only {top * 1e3:.0f} mm high"
+        return None
+
+    def misplaced(self, points: IntArray) -> str | None:
+        """Why what is large enough is no object on the table."""
+        if (extent := self.extent(points)) > self.limits.max_extent:
+            return f"{extent:.2f} m large, more than {self.limits.max_extent:g} m"
+        return BESIDE if self.tabletop is not None and self.tabletop.beside(self.frame, points) else None
+
+    def _way_out(self, points: IntArray, why: str) -> str:
+        """The setting with which a cluster would be an object, empty where there is none."""
+        if why == BESIDE:
+            return ""
+        if self.tabletop is not None and why.startswith("only"):
+            return f"min_height={np.floor(_upper(self.tabletop.heights.take(points)) * 1e3) / 1e3:g}"
+        return f"max_extent={upward(self.extent(points)):g}"
+
+
+def _upper(height: NDArray) -> float:
+    """What 95 % of the heights are at most."""
+    last = int(0.95 * (len(height) - 1))
+    return float(np.partition(height, last)[last])
+
+
+def upward(value: float) -> float:
+    """The next twentieth of a metre above."""
+    return float(np.ceil(20 * value + 1e-6) / 20)
