@@ -97,7 +97,7 @@ def read_relations(path: Path, near_names: tuple[str, ...], far_names: tuple[str
             arrays = dict(file)
         head = json.loads(arrays["head"].tobytes())
         found = [
-            BoostedTrees(*(arrays[f"{name}_{key}"] for key in ARRAYS), baseline=float(arrays[f"{name}_baseline"]))
+            BoostedTrees(*[arrays[f"{name}_{key}"] for key in ARRAYS], float(arrays[f"{name}_baseline"]))
             for name in ("near", "far")
         ]
     except FileNotFoundError:

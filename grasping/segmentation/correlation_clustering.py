@@ -18,7 +18,10 @@ IntArray = NDArray[np.int64]
 
 
 def cluster(count: int, first: IntArray, second: IntArray, agreement: FloatArray) -> IntArray:
-    """The cluster (count,), numbered 0, 1, … by first member, of each node; pairs (P,) once each, `first` < `second`."""
+    """The cluster (count,), numbered 0, 1, … by first member, of each node.
+
+    first, second: (P,) pairs of nodes, once each, first < second; agreement: (P,), above 0 where they belong together.
+    """
     if compiled is not None:
         root = np.arange(count, dtype=np.int64)
         compiled.cluster(first, second, agreement, root)

@@ -42,7 +42,7 @@ class Tabletop:
         self.heights = heights
         self.level = basis(plane[:3])
         seen = frame.points.take(table[:: max(1, len(table) // SEEN_OF_TABLE)], axis=0) @ self.level
-        self.pitch = spacing(seen, len(table))
+        self.pitch = spacing(seen, max(len(table), 1))
         self.outline = convex_outline(seen)
 
     def beside(self, frame: Frame, points: IntArray, share: float = OUTSIDE) -> bool:

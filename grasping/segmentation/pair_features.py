@@ -126,7 +126,7 @@ def shape_features(
     swap = pixels[first] > pixels[second]
     s, l = np.where(swap, second, first), np.where(swap, first, second)  # noqa: E741
     both = pixels[s] + pixels[l]
-    rows = [hidden, at_hole]
+    rows: list[NDArray] = [hidden, at_hole]
     for terms in (3, 6):
         error, factors = _fit(measures.moments, measures.products, measures.squares, pixels, terms)
         united, _ = _fit(

@@ -149,9 +149,7 @@ class Segmenter:
         plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
         return plane, frame.heights(plane.equation)
 
-    def _by_surfaces(
-        self, frame: Frame, image: WorkingImage, plane: Plane | None, height: NDArray | None
-    ) -> Scene:
+    def _by_surfaces(self, frame: Frame, image: WorkingImage, plane: Plane | None, height: NDArray | None) -> Scene:
         equation = None if plane is None else plane.equation
         groups = group_by_surfaces(image, frame.valid, equation, self.max_height, self._relations)
         chosen, on_ramps = frame.without_flying(np.flatnonzero(groups.number), equation)
@@ -177,7 +175,7 @@ class Segmenter:
         scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
         place = {found.number[i]: rank for rank, i in enumerate(order)}
         cuts = [
-            Cut(*sorted((place[one], place[other])), sure)
+            Cut(min(place[one], place[other]), max(place[one], place[other]), sure)
             for (one, other), sure in groups.cuts.items()
             if one in place and other in place
         ]

@@ -113,9 +113,9 @@ def loose_image(points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray
     w, h = int(size[0]), int(size[1])
     cell = at[:, 1] * w + at[:, 0]
     q = (1.0 / ahead[:, 2]).astype(np.float32)
-    image = np.zeros(h * w, dtype=np.float32)
-    np.maximum.at(image, cell, q)  # what lies nearer hides the rest
-    alike = image[cell] - q < ALIKE
+    nearest = np.zeros(h * w, dtype=np.float32)
+    np.maximum.at(nearest, cell, q)  # what lies nearer hides the rest
+    alike = nearest[cell] - q < ALIKE
     sums = np.bincount(cell[alike], q[alike], minlength=h * w)
     counts = np.bincount(cell[alike], minlength=h * w)
     image = np.divide(sums, counts, out=np.zeros(h * w), where=counts > 0).astype(np.float32).reshape(h, w)
@@ -128,7 +128,7 @@ def loose_image(points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray
 
 
 def reduce_blocks(q: Float32Array, block: int) -> Float32Array:
-    """(H // block, W // block): the mean of what lies about each block's median; 0 where half of it was not measured."""
+    """(H // block, W // block): the mean of what lies about each block's median, 0 where half was not measured."""
     if compiled is not None:
         return np.asarray(compiled.reduce_blocks(q, block))
     return reduce_blocks_reference(q, block)

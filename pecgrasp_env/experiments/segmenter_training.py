@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.errors import CloudError
-from grasping.segmentation.segmenter import Segmenter
 from grasping.segmentation.boosted_trees import BoostedTrees, Relations
+from grasping.segmentation.segmenter import Segmenter
 from grasping.segmentation.surfaces import Surfaces
 
 FloatArray = NDArray[np.float64]
