@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
 FORMAT = 1
+KINDS = ("near", "far", "thing", "whole")
 ARRAYS = ("feature", "threshold", "left", "right", "missing_left", "value", "start")
 
 
@@ -67,44 +67,49 @@ class BoostedTrees:
 
 @dataclass(frozen=True)
 class Relations:
-    """How sure two patches are of one object: trees for those that adjoin and for those that do not.
+    """What trees say of patches and of groups of them.
 
-    about: where the trees come from: data, its hash, metrics. near_names, far_names: of their features.
+    near, far: whether two patches are of one object, of those that adjoin and of those that do not. thing: whether a
+    group is anything but a wrinkle of the table or of the background. whole: whether it is one thing, all that is seen
+    of it. about: where the trees come from: data, its hash, metrics.
     """
 
     near: BoostedTrees
     far: BoostedTrees
+    thing: BoostedTrees
+    whole: BoostedTrees
     about: dict[str, Any]
 
 
-def write_relations(path: Path, relations: Relations, near_names: tuple[str, ...], far_names: tuple[str, ...]) -> None:
-    """Write an .npz file with the metadata as JSON in it."""
+def write_relations(path: Path, relations: Relations, names: dict[str, tuple[str, ...]]) -> None:
+    """Write an .npz file with the metadata as JSON in it. names: of the features that each kind of trees asks for."""
     arrays: dict[str, NDArray] = {}
-    for name, trees in (("near", relations.near), ("far", relations.far)):
+    for name in KINDS:
+        trees = getattr(relations, name)
         arrays |= {f"{name}_{key}": getattr(trees, key) for key in ARRAYS}
         arrays[f"{name}_baseline"] = np.float64(trees.baseline)
-    head = {"format": FORMAT, "near": list(near_names), "far": list(far_names), "about": relations.about}
+    head = {"format": FORMAT, "names": {name: list(names[name]) for name in KINDS}, "about": relations.about}
     arrays["head"] = np.frombuffer(json.dumps(head, sort_keys=True).encode(), dtype=np.uint8)
     with path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-@lru_cache(maxsize=4)
-def read_relations(path: Path, near_names: tuple[str, ...], far_names: tuple[str, ...]) -> Relations:
+def read_relations(path: Path, names: dict[str, tuple[str, ...]]) -> Relations:
     """Read what `write_relations` wrote for these features. Raises ConfigError where it was written for others."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
         head = json.loads(arrays["head"].tobytes())
-        found = [
-            BoostedTrees(*[arrays[f"{name}_{key}"] for key in ARRAYS], float(arrays[f"{name}_baseline"]))
-            for name in ("near", "far")
-        ]
+        trees = {name: _trees(arrays, name) for name in KINDS}
     except FileNotFoundError:
         raise
     except (OSError, ValueError, KeyError) as error:
         raise ConfigError(f"relations = {path}: not a file of pecgrasp train-segmenter ({error})") from error
-    if (head["format"], head["near"], head["far"]) != (FORMAT, list(near_names), list(far_names)):
+    if head["format"] != FORMAT or head["names"] != {name: list(names[name]) for name in KINDS}:
         way_out = "train it again with pecgrasp train-segmenter"
         raise ConfigError(f"relations = {path}: its trees ask for other features than this version knows; {way_out}")
-    return Relations(found[0], found[1], head["about"])
+    return Relations(**trees, about=head["about"])
+
+
+def _trees(arrays: dict[str, NDArray], name: str) -> BoostedTrees:
+    return BoostedTrees(**{key: arrays[f"{name}_{key}"] for key in ARRAYS}, baseline=float(arrays[f"{name}_baseline"]))

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.segmentation.boosted_trees import Relations
-from grasping.segmentation.surfaces import Grouping, Surfaces
+from grasping.segmentation.group_features import group_features
+from grasping.segmentation.grouping import Grouping, probability
+from grasping.segmentation.surfaces import Surfaces
 from grasping.segmentation.working_image import ALIKE, WorkingImage
 
 FloatArray = NDArray[np.float64]
@@ -17,22 +19,40 @@ IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 FLYING = 0.03  # 1/m from all pixels around: a point in the air
-LEAST_OBJECT = 40  # pixels of the working image; less goes to the neighbour that it is likest of one object with
-MAY_BELONG = -1.5  # log odds of that
 
 
 @dataclass(frozen=True)
 class SurfaceGroups:
     """number: (N,) each point's group, from 1 up, 0 for none. above_table: (N,) 1/m by which a point is nearer than the
-    table as the sensor bends it, and table_noise, σ of it, 1/m; None without a table. confidence: (G + 1,) in [0, 1],
-    how sure each group is. cuts: for pairs of neighbouring groups how sure it is that they are two.
+    table as the sensor bends it, and table_noise, σ of it, 1/m; None without a table. thing, whole: (G + 1,) in
+    [0, 1], how sure each group is a thing and a whole one. cuts: for pairs of neighbouring groups how sure it is that
+    they are two.
     """
 
     number: Labels
     above_table: Float32Array | None
     table_noise: float
-    confidence: FloatArray
+    thing: FloatArray
+    whole: FloatArray
     cuts: dict[tuple[int, int], float]
+
+
+@dataclass(frozen=True)
+class PatchGroups:
+    """labels: (h, w) the group of each pixel, from 1 up. features: (G + 1, len(OF_GROUP)) of the groups."""
+
+    labels: Labels
+    grouping: Grouping
+    features: Float32Array
+
+
+def group_patches(surfaces: Surfaces, relations: Relations) -> PatchGroups:
+    """Group the patches of an image, specks with what they adjoin."""
+    grouping = surfaces.group(relations)
+    grouping = replace(grouping, group=grouping.absorbed(surfaces.measures.pixels))
+    labels = grouping.group[surfaces.labels].astype(np.int32)
+    measures = surfaces.measure(labels, int(grouping.group.max(initial=0)))
+    return PatchGroups(labels, grouping, group_features(labels, measures, surfaces.relief, grouping, surfaces.up))
 
 
 def group_by_surfaces(
@@ -42,38 +62,17 @@ def group_by_surfaces(
     which nothing is looked at.
     """
     surfaces = Surfaces(image, plane, max_height)
-    grouping = surfaces.group(relations)
-    group = _absorb(grouping, surfaces.measures.pixels)
-    of_pixel = group[surfaces.labels].astype(np.int32)
+    groups = group_patches(surfaces, relations)
+    number = _of_points(image, groups.labels, None if surfaces.relief is None else surfaces.relief.table)
     table = None if surfaces.relief is None else surfaces.relief.table
-    number = _of_points(image, of_pixel, table)
     number[~valid] = 0
     above = None
     if table is not None:
         above = image.point_inverse_depth - table.ravel()[np.maximum(image.cells, 0)]
     noise = 0.0 if surfaces.relief is None else surfaces.relief.noise
-    grouping = replace(grouping, group=group)
-    return SurfaceGroups(number, above, noise, grouping.joins, grouping.cuts())
-
-
-def _absorb(grouping: Grouping, pixels: FloatArray) -> IntArray:
-    """(n + 1,) the patches' groups, small ones given to a neighbour that they may belong to."""
-    group = grouping.group.copy()
-    sizes = np.bincount(group, pixels, minlength=int(group.max(initial=0)) + 1)
-    one, other = group[grouping.first], group[grouping.second]
-    for small in np.flatnonzero(sizes < LEAST_OBJECT):
-        beside = ((one == small) ^ (other == small)) & (small > 0) & grouping.adjoin
-        if not beside.any():
-            continue
-        neighbour = np.where(one == small, other, one)[beside]
-        weight = np.bincount(neighbour, grouping.length[beside])
-        total = np.bincount(neighbour, (grouping.odds * grouping.length)[beside])
-        mean = np.where(weight > 0, total / np.maximum(weight, 1e-9), -np.inf)
-        best = int(mean.argmax())
-        if mean[best] > MAY_BELONG:
-            group[group == small] = best
-            one, other = group[grouping.first], group[grouping.second]
-    return group
+    thing = probability(relations.thing.log_odds(groups.features))
+    whole = probability(relations.whole.log_odds(groups.features))
+    return SurfaceGroups(number, above, noise, thing, whole, groups.grouping.cuts())
 
 
 def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None) -> Labels:

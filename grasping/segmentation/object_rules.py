@@ -21,6 +21,8 @@ FEW = 200  # points that suffice to say so
 SEEN_OF_TABLE = 5000  # points that suffice for its outline
 SMALL = "small"
 BESIDE = "beside the table"
+NO_THING = "by its surface more likely part of the table or the background than a thing"
+WRINKLE = 0.01  # m
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Limits:
     min_area: float
     min_height: float
     max_extent: float
+    least_thing: float
 
 
 class Tabletop:
@@ -72,19 +75,22 @@ class ObjectRules:
     def __init__(self, frame: Frame, limits: Limits, tabletop: Tabletop | None) -> None:
         self.frame, self.limits, self.tabletop = frame, limits, tabletop
 
-    def sort(self, clusters: Sequence[IntArray]) -> Sorted:
-        """The objects among the clusters, in their order."""
+    def sort(self, clusters: Sequence[IntArray], thing: FloatArray | None = None) -> Sorted:
+        """The objects among the clusters, in their order. thing: how sure, in [0, 1], each is one."""
         result, small = Sorted(), []
         for number, points in enumerate(clusters):
             why = self.too_little(points) or self.misplaced(points)
+            if why is None and thing is not None and thing[number] < self.limits.least_thing:
+                why = NO_THING
             if why is None:
                 result.objects.append(points)
                 result.number.append(number)
             elif why == SMALL:
                 small.append(len(points))
             else:
-                self.frame.reject("cluster", why, len(points), self._way_out(points, why))
-                if not why.startswith("only"):
+                sure = 0.0 if thing is None else float(thing[number])
+                self.frame.reject("cluster", why, len(points), self._way_out(points, why, sure))
+                if not why.startswith("only") and not (why == NO_THING and self._flat(points)):
                     result.obstacles.append(points)
         limits = self.limits
         least = f"fewer than {limits.min_points} points or less than {limits.min_area * 1e4:g} cm²"
@@ -117,10 +123,16 @@ class ObjectRules:
             return f"{extent:.2f} m large, more than {self.limits.max_extent:g} m"
         return BESIDE if self.tabletop is not None and self.tabletop.beside(self.frame, points) else None
 
-    def _way_out(self, points: IntArray, why: str) -> str:
+    def _flat(self, points: IntArray) -> bool:
+        """Whether a cluster is but a wrinkle of the table, over which fingers pass."""
+        return self.tabletop is not None and _upper(self.tabletop.heights.take(points)) < WRINKLE
+
+    def _way_out(self, points: IntArray, why: str, sure: float) -> str:
         """The setting with which a cluster would be an object, empty where there is none."""
         if why == BESIDE:
             return ""
+        if why == NO_THING:
+            return f"least_thing={np.floor(100 * sure) / 100:g}"
         if self.tabletop is not None and why.startswith("only"):
             return f"min_height={np.floor(_upper(self.tabletop.heights.take(points)) * 1e3) / 1e3:g}"
         return f"max_extent={upward(self.extent(points)):g}"

@@ -19,7 +19,8 @@ from grasping.segmentation.object_rules import Limits, ObjectRules, Tabletop, up
 from grasping.segmentation.planes import Plane, fit_all
 from grasping.segmentation.published import PublishedSegmenter
 from grasping.segmentation.scene import Cut, Rejected, Scene
-from grasping.segmentation.surfaces import Surfaces, trained_relations
+from grasping.segmentation.surfaces import Surfaces
+from grasping.segmentation.trained import trained_relations
 from grasping.segmentation.working_image import WorkingImage
 from grasping.validation import FARTHEST, unit_vector
 
@@ -47,6 +48,7 @@ class Segmenter:
     min_points, min_area, min_height: clusters of fewer points, of less area (m², across the line of sight) or lower (m,
         95 % of its points) are noise and unevenness of the table.
     max_extent: larger clusters are no objects for a hand, m. max_height: points higher above the table are left out, m.
+    least_thing: how sure the trees must be, in [0, 1], that a cluster is a thing and no wrinkle of table or background.
     relations: file of `pecgrasp train-segmenter`, of another camera's trees; None: the package's own.
     seed: of RANSAC's draws; the same input gives the same scene.
     """
@@ -63,6 +65,7 @@ class Segmenter:
         min_height: float = 0.002,
         max_extent: float = 0.45,
         max_height: float = 0.45,
+        least_thing: float = 0.5,
         relations: str | Path | None = None,
         seed: int = 0,
     ) -> None:
@@ -77,6 +80,7 @@ class Segmenter:
             ("min_height", min_height, 0.0, 1.0),
             ("max_extent", max_extent, 0.01, 100.0),
             ("max_height", max_height, 0.01, 100.0),
+            ("least_thing", least_thing, 0.0, 1.0),
         ):
             require_between(name, value, least, most)
         self.depth_range = depth_range
@@ -88,6 +92,7 @@ class Segmenter:
         self.min_height = min_height
         self.max_extent = max_extent
         self.max_height = max_height
+        self.least_thing = least_thing
         self.relations = None if relations is None else Path(relations)
         self.seed = seed
 
@@ -170,7 +175,7 @@ class Segmenter:
             frame.reject("points", "isolated", int(np.count_nonzero(alone)))
         number = groups.number.take(chosen).astype(np.int64)
         clusters = frame.with_edges([chosen[members] for members in by_label(number)], on_ramps)
-        found = ObjectRules(frame, self._limits, tabletop).sort(clusters)
+        found = ObjectRules(frame, self._limits, tabletop).sort(clusters, groups.thing)
         order = sorted(range(len(found.objects)), key=lambda i: -len(found.objects[i]))
         scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
         place = {found.number[i]: rank for rank, i in enumerate(order)}
@@ -179,7 +184,7 @@ class Segmenter:
             for (one, other), sure in groups.cuts.items()
             if one in place and other in place
         ]
-        confidence = [float(groups.confidence[found.number[i]]) for i in order]
+        confidence = [float(groups.whole[found.number[i]]) for i in order]
         return replace(scene, confidence=confidence, cuts=sorted(cuts, key=lambda cut: (cut.first, cut.second)))
 
     def _not_too_tall(self, frame: Frame, above: IntArray, height: NDArray) -> IntArray:
@@ -193,7 +198,7 @@ class Segmenter:
 
     @property
     def _limits(self) -> Limits:
-        return Limits(self.min_points, self.min_area, self.min_height, self.max_extent)
+        return Limits(self.min_points, self.min_area, self.min_height, self.max_extent, self.least_thing)
 
     @cached_property
     def _relations(self) -> Relations:

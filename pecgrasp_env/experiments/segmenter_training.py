@@ -6,7 +6,7 @@ patch's object is that of most of its pixels; a pair's example weighs as much as
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from grasping.errors import CloudError
 from grasping.segmentation.boosted_trees import BoostedTrees, Relations
+from grasping.segmentation.by_surfaces import group_patches
 from grasping.segmentation.segmenter import Segmenter
 from grasping.segmentation.surfaces import Surfaces
 
@@ -25,66 +26,110 @@ IntArray = NDArray[np.int64]
 TREES, LEAVES = 200, 24
 RATE, LEAST_EXAMPLES, RIDGE = 0.08, 20, 1.0
 OBJECTS = 2  # labels from this up are objects; 1 is the table, 0 all else
+WITHOUT_TABLE = 0.15  # of the frames are cut once more as if no table had been found
+WHOLE = 0.75  # of the union of a group and its object, that both have
 LEAST_PURITY = 0.6  # of a patch's pixels that are of one object; of a mixed patch nothing is right
 
 
 @dataclass
 class Examples:
-    """Rows of features, whether the two patches are of one object, and the row's weight."""
+    """Rows of features, whether what is asked is so, and each row's weight."""
 
     features: list[Float32Array] = field(default_factory=list)
-    same: list[NDArray[np.bool_]] = field(default_factory=list)
+    so: list[NDArray[np.bool_]] = field(default_factory=list)
     weight: list[FloatArray] = field(default_factory=list)
 
-    def add(self, features: Float32Array, same: NDArray[np.bool_], weight: FloatArray) -> None:
+    def add(self, features: Float32Array, so: NDArray[np.bool_], weight: FloatArray) -> None:
         used = weight > 0
         self.features.append(features[used])
-        self.same.append(same[used])
+        self.so.append(so[used])
         self.weight.append(weight[used])
 
+    def __add__(self, other: Examples) -> Examples:
+        return Examples(self.features + other.features, self.so + other.so, self.weight + other.weight)
+
     def arrays(self) -> tuple[Float32Array, NDArray[np.bool_], FloatArray]:
-        return np.concatenate(self.features), np.concatenate(self.same), np.concatenate(self.weight)
+        return np.concatenate(self.features), np.concatenate(self.so), np.concatenate(self.weight)
 
 
-def examples(frames: Iterable[tuple[NDArray, NDArray]], without_table: float, seed: int) -> tuple[Examples, Examples]:
-    """Of pairs that adjoin, and of pairs that do not, from frames: clouds (H, W, 3), m, with labels (H, W).
+@dataclass(frozen=True)
+class CutFrame:
+    """A frame's patches, the label (n + 1,) that most points of each have, that label's share of them, and the number
+    of points of each label.
+    """
+
+    surfaces: Surfaces
+    owner: IntArray
+    purity: FloatArray
+    points: IntArray
+
+
+def cut_frames(
+    frames: Iterable[tuple[NDArray, NDArray]], without_table: float, seed: int
+) -> Iterator[tuple[int, CutFrame]]:
+    """Number and patches of frames: clouds (H, W, 3), m, with labels (H, W).
 
     without_table: the share of frames that are cut once more as if no table had been found in them.
     """
-    near, far = Examples(), Examples()
     rng = np.random.default_rng(seed)
-    for cloud, labels in frames:
-        ways = (True, False) if rng.uniform() < without_table else (True,)
-        for with_table in ways:
+    for number, (cloud, labels) in enumerate(frames):
+        for with_table in (True, False) if rng.uniform() < without_table else (True,):
             try:
                 surfaces = Segmenter().surfaces(cloud, with_table=with_table)
             except CloudError:
                 continue
-            if surfaces is None or not surfaces.count:
-                continue
-            owner, purity = owners(surfaces, labels)
-            for first, second, features, found in (
-                (surfaces.borders.first, surfaces.borders.second, surfaces.near_features, near),
-                (surfaces.far_first, surfaces.far_second, surfaces.far_features, far),
-            ):
-                one, other = owner[first], owner[second]
-                smaller = np.minimum(surfaces.measures.pixels[first], surfaces.measures.pixels[second])
-                weight = np.sqrt(smaller) * np.minimum(purity[first], purity[second])
-                weight[np.minimum(purity[first], purity[second]) < LEAST_PURITY] = 0
-                weight[(one < OBJECTS) & (other < OBJECTS)] = 0
-                found.add(features, one == other, weight)
-    return near, far
+            if surfaces is not None and surfaces.count:
+                yield number, CutFrame(surfaces, *owners(surfaces, labels))
 
 
-def owners(surfaces: Surfaces, labels: NDArray) -> tuple[IntArray, FloatArray]:
-    """(n + 1,) the label that most points of each patch have, and their share of it."""
+def add_pairs(cut: CutFrame, near: Examples, far: Examples) -> None:
+    """Add pairs that adjoin, and pairs that do not: whether they are of one object."""
+    surfaces = cut.surfaces
+    for first, second, features, found in (
+        (surfaces.borders.first, surfaces.borders.second, surfaces.near_features, near),
+        (surfaces.far_first, surfaces.far_second, surfaces.far_features, far),
+    ):
+        one, other = cut.owner[first], cut.owner[second]
+        purity = np.minimum(cut.purity[first], cut.purity[second])
+        weight = np.sqrt(np.minimum(surfaces.measures.pixels[first], surfaces.measures.pixels[second])) * purity
+        weight[purity < LEAST_PURITY] = 0
+        weight[(one < OBJECTS) & (other < OBJECTS)] = 0
+        found.add(features, one == other, weight)
+
+
+def add_groups(cut: CutFrame, relations: Relations, thing: Examples, whole: Examples) -> None:
+    """Add groups as the trees for pairs make them: whether they are things, and whether whole ones."""
+    groups = group_patches(cut.surfaces, relations)
+    count, most = len(groups.features), len(cut.points)
+    if most <= OBJECTS:
+        most = OBJECTS + 1
+    points = np.zeros(most)
+    points[: len(cut.points)] = cut.points
+    of_label = np.zeros((count, most))
+    pixels = cut.surfaces.measures.pixels
+    np.add.at(of_label, (groups.grouping.group, cut.owner), pixels * cut.purity)
+    total = np.bincount(groups.grouping.group, pixels, minlength=count)
+    of_objects = of_label[:, OBJECTS:]
+    best = of_objects.argmax(axis=1)
+    shared = of_objects[np.arange(count), best]
+    union = total + points[OBJECTS:][best] - shared
+    weight = np.sqrt(total)
+    weight[0] = 0
+    thing.add(groups.features, of_objects.sum(axis=1) > total / 2, weight)
+    whole.add(groups.features, shared > WHOLE * union, weight)
+
+
+def owners(surfaces: Surfaces, labels: NDArray) -> tuple[IntArray, FloatArray, IntArray]:
+    """(n + 1,) the label that most points of each patch have, and their share of it; (L,) pixels of each label."""
     cells = surfaces.image.cells
     seen = (cells >= 0) & (surfaces.image.point_inverse_depth > 0)
     patch = surfaces.labels.ravel()[cells[seen]]
     label = labels.ravel()[seen].astype(np.int64)
     most = int(label.max(initial=0)) + 1
     counts = np.bincount(patch * most + label, minlength=(surfaces.count + 1) * most).reshape(-1, most)
-    return counts.argmax(axis=1), counts.max(axis=1) / np.maximum(counts.sum(axis=1), 1)
+    points_a_pixel = np.count_nonzero(seen) / max(int(np.count_nonzero(surfaces.image.inverse_depth)), 1)
+    points = (np.bincount(label, minlength=most) / max(points_a_pixel, 1.0)).astype(np.int64)
+    return counts.argmax(axis=1), counts.max(axis=1) / np.maximum(counts.sum(axis=1), 1), points
 
 
 def fit_trees(found: Examples, seed: int) -> BoostedTrees:
@@ -96,7 +141,7 @@ def fit_trees(found: Examples, seed: int) -> BoostedTrees:
         from sklearn.ensemble import HistGradientBoostingClassifier
     except ImportError as error:
         raise ImportError("training the segmenter needs scikit-learn: pip install 'pecgrasp[segmenter]'") from error
-    features, same, weight = found.arrays()
+    features, so, weight = found.arrays()
     model = HistGradientBoostingClassifier(
         max_iter=TREES,
         max_leaf_nodes=LEAVES,
@@ -106,12 +151,15 @@ def fit_trees(found: Examples, seed: int) -> BoostedTrees:
         early_stopping=False,
         random_state=seed,
     )
-    model.fit(features, same, sample_weight=weight / weight.mean())
+    model.fit(features, so, sample_weight=weight / weight.mean())
     return as_arrays([trees[0].nodes for trees in model._predictors], float(np.ravel(model._baseline_prediction)[0]))
 
 
 def as_arrays(trees: Sequence[NDArray[Any]], baseline: float) -> BoostedTrees:
     """scikit-learn's nodes of each tree as one set of arrays."""
+    if not trees:
+        nothing, none = np.zeros(1, dtype=np.int32), np.full(1, -1, dtype=np.int32)
+        return BoostedTrees(none, np.zeros(1, np.float32), nothing, nothing, nothing, np.zeros(1), nothing, baseline)
     nodes = np.concatenate(trees)
     start = np.cumsum([0, *(len(tree) for tree in trees[:-1])])
     offset = np.repeat(start, [len(tree) for tree in trees])
@@ -134,16 +182,30 @@ def as_arrays(trees: Sequence[NDArray[Any]], baseline: float) -> BoostedTrees:
 
 def precision_recall(trees: BoostedTrees, found: Examples) -> dict[str, float]:
     """Of pairs said to be of one object, with the pairs' weights: how many are, and how many of those are found."""
-    features, same, weight = found.arrays()
+    features, so, weight = found.arrays()
     said = trees.log_odds(features) > 0
-    right = float(weight[said & same].sum())
+    right = float(weight[said & so].sum())
     return {
-        "pairs": len(same),
+        "pairs": len(so),
         "precision": right / max(float(weight[said].sum()), 1e-9),
-        "recall": right / max(float(weight[same].sum()), 1e-9),
+        "recall": right / max(float(weight[so].sum()), 1e-9),
     }
 
 
-def train(near: Examples, far: Examples, about: dict[str, Any], seed: int) -> Relations:
-    """Trees for both kinds of pairs."""
-    return Relations(fit_trees(near, seed), fit_trees(far, seed), about)
+def train(frames: Callable[[], Iterable[tuple[NDArray, NDArray]]], about: dict[str, Any], seed: int) -> Relations:
+    """Trees for pairs of all frames, and for groups that the trees of one half of the frames make of the other.
+
+    frames: called twice, for the same clouds (H, W, 3), m, with labels (H, W): 0 background, 1 table, from 2 up
+    objects.
+    """
+    near = (Examples(), Examples())
+    far = (Examples(), Examples())
+    for number, cut in cut_frames(frames(), WITHOUT_TABLE, seed):
+        add_pairs(cut, near[number % 2], far[number % 2])
+    nothing = as_arrays([], 0.0)
+    halves = [Relations(fit_trees(near[i], seed), fit_trees(far[i], seed), nothing, nothing, {}) for i in (0, 1)]
+    thing, whole = Examples(), Examples()
+    for number, cut in cut_frames(frames(), WITHOUT_TABLE, seed):
+        add_groups(cut, halves[1 - number % 2], thing, whole)
+    pairs = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
+    return Relations(*pairs, fit_trees(thing, seed), fit_trees(whole, seed), about)
