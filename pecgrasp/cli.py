@@ -15,6 +15,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "generate": ("sim", "labelled clouds of objects, as the robot sees them"),
     "generate-scenes": ("sim", "labelled frames of crowded tables, for the segmenter"),
     "train": ("learn", "a classifier"),
+    "train-segmenter": ("segmenter", "the segmenter, for another camera"),
     "classify": ("learn", "one cloud, with a trained classifier"),
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),
     "ablate": ("learn", "train a grid, beside the published figures"),
@@ -33,6 +34,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
 
 # What the extras of pyproject.toml bring, by import name.
 EXTRAS = {
+    "segmenter": ("torch", "tqdm", "mani_skill", "sapien", "sklearn"),
     "learn": ("torch", "safetensors", "tqdm", "tensorboard"),
     "onnx": ("torch", "safetensors", "onnx", "onnxscript", "onnxruntime"),
     "sim": ("torch", "tqdm", "mani_skill", "sapien", "gymnasium", "trimesh", "coacd", "h5py", "PIL", "imageio_ffmpeg"),

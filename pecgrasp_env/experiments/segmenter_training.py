@@ -180,18 +180,6 @@ def as_arrays(trees: Sequence[NDArray[Any]], baseline: float) -> BoostedTrees:
     )
 
 
-def precision_recall(trees: BoostedTrees, found: Examples) -> dict[str, float]:
-    """Of pairs said to be of one object, with the pairs' weights: how many are, and how many of those are found."""
-    features, so, weight = found.arrays()
-    said = trees.log_odds(features) > 0
-    right = float(weight[said & so].sum())
-    return {
-        "pairs": len(so),
-        "precision": right / max(float(weight[said].sum()), 1e-9),
-        "recall": right / max(float(weight[so].sum()), 1e-9),
-    }
-
-
 def train(frames: Callable[[], Iterable[tuple[NDArray, NDArray]]], about: dict[str, Any], seed: int) -> Relations:
     """Trees for pairs of all frames, and for groups that the trees of one half of the frames make of the other.
 
