@@ -27,7 +27,7 @@ def clusters_on_table(frame: Frame, chosen: IntArray, rules: ObjectRules, gap: f
     tabletop = rules.tabletop
     assert tabletop is not None
     labels = label_footprints(frame.points.take(chosen, axis=0) @ tabletop.level, gap, tabletop.pitch)
-    frame.reject("points", "isolated", int(np.count_nonzero(labels < 0)))
+    frame.reject("points", "isolated", chosen[labels < 0])
     parts = [part for members in by_label(labels) for part in _parts(frame, chosen[members], rules, tabletop, gap)]
     firm = [part for part in parts if rules.too_little(part) is None and rules.misplaced(part) is None]
     others = [part for part in parts if not any(part is each for each in firm)]

@@ -77,7 +77,8 @@ class ObjectRules:
 
     def sort(self, clusters: Sequence[IntArray], thing: FloatArray | None = None) -> Sorted:
         """The objects among the clusters, in their order. thing: how sure, in [0, 1], each is one."""
-        result, small = Sorted(), []
+        result = Sorted()
+        small: list[IntArray] = []
         for number, points in enumerate(clusters):
             why = self.too_little(points) or self.misplaced(points)
             if why is None and thing is not None and thing[number] < self.limits.least_thing:
@@ -86,15 +87,16 @@ class ObjectRules:
                 result.objects.append(points)
                 result.number.append(number)
             elif why == SMALL:
-                small.append(len(points))
+                small.append(points)
             else:
                 sure = 0.0 if thing is None else float(thing[number])
-                self.frame.reject("cluster", why, len(points), self._way_out(points, why, sure))
+                self.frame.reject("cluster", why, points, self._way_out(points, why, sure))
                 if not why.startswith("only") and not (why == NO_THING and self._flat(points)):
                     result.obstacles.append(points)
         limits = self.limits
         least = f"fewer than {limits.min_points} points or less than {limits.min_area * 1e4:g} cm²"
-        self.frame.reject("points", f"in {len(small)} clusters of {least}", sum(small))
+        few = np.concatenate([np.empty(0, dtype=np.int64), *small])
+        self.frame.reject("points", f"in {len(small)} clusters of {least}", few)
         return result
 
     def extent(self, points: IntArray) -> float:

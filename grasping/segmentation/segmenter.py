@@ -129,7 +129,7 @@ class Segmenter:
             return frame.scene(None, found.objects, found.obstacles, 0)
         table = np.flatnonzero(np.abs(height) <= plane.band)
         above = self._not_too_tall(frame, np.flatnonzero(height > plane.band), height)
-        frame.reject_below(plane.equation, int(np.count_nonzero(height < -plane.band)))
+        frame.reject_below(plane.equation, np.flatnonzero(height < -plane.band))
         rules = ObjectRules(frame, self._limits, Tabletop(frame, plane.equation, height, table))
         found = rules.sort(clusters_on_table(frame, above, rules, self.gap))
         return frame.scene(plane.equation, found.objects, found.obstacles, len(table))
@@ -166,13 +166,13 @@ class Segmenter:
             table = np.flatnonzero(level & free)
             left = free & ~level
             alone = self._not_too_tall(frame, np.flatnonzero(left & (height > 0)), height)
-            frame.reject("points", "isolated, or too little above the table for the sensor's noise", len(alone))
-            frame.reject_below(plane.equation, int(np.count_nonzero(left & (height <= 0))))
+            frame.reject("points", "isolated, or too little above the table for the sensor's noise", alone)
+            frame.reject_below(plane.equation, np.flatnonzero(left & (height <= 0)))
             height = _above_bent(height, groups.above_table, image, plane.equation)
             tabletop = Tabletop(frame, plane.equation, height, table)
         else:
             alone = frame.valid & (groups.number == 0)
-            frame.reject("points", "isolated", int(np.count_nonzero(alone)))
+            frame.reject("points", "isolated", np.flatnonzero(alone))
         number = groups.number.take(chosen).astype(np.int64)
         clusters = frame.with_edges([chosen[members] for members in by_label(number)], on_ramps)
         found = ObjectRules(frame, self._limits, tabletop).sort(clusters, groups.thing)
@@ -193,7 +193,7 @@ class Segmenter:
         if tall.any():
             way_out = f"max_height={upward(height.take(above).max()):g}"
             why = f"more than {self.max_height:g} m above the table"
-            frame.reject("points", why, int(np.count_nonzero(tall)), way_out)
+            frame.reject("points", why, above[tall], way_out)
         return above[~tall]
 
     @property

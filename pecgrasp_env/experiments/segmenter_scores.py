@@ -19,7 +19,7 @@ FOUND = (0.5, 0.75)  # of the union of an object and a segment
 @dataclass(frozen=True)
 class FrameScore:
     """overlap: (K,) each object's best intersection over union with a segment; visible: (K,) the share that others
-    leave of it to be seen; confidence: (S,) of the segments; right: (S,) their best intersection over union with an object.
+    leave of it to be seen; confidence: (S,) of the segments; right: (S,) their best overlap with an object.
     """
 
     overlap: NDArray[np.float64]

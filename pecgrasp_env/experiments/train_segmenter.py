@@ -56,7 +56,7 @@ def train_segmenter(
         "data": digest,
         "seed": seed,
     }
-    total = 2 * about["frames"]
+    total = 2 * int(about["frames"])
     done = 0
 
     def training() -> Iterator[tuple[NDArray, NDArray]]:
