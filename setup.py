@@ -15,7 +15,9 @@ class BuildKernels(build_ext):
         if self.compiler.compiler_type != "msvc":  # whose /fp:precise is the default
             for extension in self.extensions:
                 extension.libraries.append("m")  # the same sin, cos, … as Python's `math`
-                extension.extra_compile_args += ["-std=c99", "-O3", "-ffp-contract=off", "-Wall", "-Wextra"]
+                # Nobody asks for errno or traps: square roots and choices are made for several numbers at once.
+                exact = ["-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+                extension.extra_compile_args += ["-std=c99", "-O3", *exact, "-Wall", "-Wextra"]
         super().build_extensions()
 
     def copy_extensions_to_source(self) -> None:
@@ -27,7 +29,7 @@ class BuildKernels(build_ext):
                     other.unlink()
 
 
-FOLDERS = ("grasping/curvature_planner", "pec/preprocessing")
+FOLDERS = ("grasping/curvature_planner", "grasping/segmentation", "pec/preprocessing")
 
 # One wheel for every Python: the stable ABI. Buffers entered its headers with 3.11, but 3.10 exports the same functions
 # and lays Py_buffer out alike, so what 3.11 or newer builds runs on 3.10, too; 3.10 itself builds for itself alone.

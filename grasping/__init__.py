@@ -3,18 +3,19 @@
 plan = CurvaturePlanner(ROBOTIQ_2F_140).plan(points, up=(0, 0, 1))
 plan.best.pose, plan.best.width
 
-`compiled` says whether this installation has the compiled kernels of the default planner; without them it plans the
-same with NumPy alone, more slowly.
+`compiled` says whether this installation has the compiled kernels of the default planner and of the segmenter; without
+them it finds the same with NumPy alone, more slowly.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from grasping.curvature_planner.compiled_backend import AVAILABLE as compiled
+from grasping.curvature_planner import compiled_backend
 from grasping.curvature_planner.planner import CurvaturePlanner
 from grasping.errors import CloudError, ConfigError
 from grasping.grasp import Grasp, GraspPlan, GraspPlanner, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
+from grasping.segmentation import kernels
 
 if TYPE_CHECKING:
     from grasping.baselines import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from grasping.segmentation.scene import Cut, Rejected, Scene
     from grasping.segmentation.segmenter import Segmenter
     from grasping.selective import Selection, SelectiveGrasper
+
+compiled = compiled_backend.AVAILABLE and kernels.compiled is not None
 
 # These load SciPy, which takes longer than all else here: on their first use.
 _LATER = {

@@ -61,12 +61,12 @@ find_compiler() {
     fi
 }
 
-# Built from other sources, kernels may not be those that the planner takes them for.
-forget_kernels() { rm -f grasping/curvature_planner/_kernels.*.so pec/preprocessing/_kernels.*.so; }
+# Built from other sources, kernels may not be those that their callers take them for.
+forget_kernels() { rm -f {grasping/curvature_planner,grasping/segmentation,pec/preprocessing}/_kernels.*.so; }
 
 say_without_kernels() {
     .venv/bin/python -c 'import sys, grasping, pec; sys.exit(not (grasping.compiled and pec.compiled))' ||
-        say "planner or classifier do without their compiled kernels: they could not be built"
+        say "planner, segmenter or classifier do without their compiled kernels: they could not be built"
 }
 
 install_packages() {
@@ -103,7 +103,7 @@ install_opencv_libraries() {
 }
 
 # What the environment and the kernels in it were made from; a change makes them anew.
-kernels() { echo "$(cat setup.py csrc/* grasping/curvature_planner/csrc/* pec/preprocessing/csrc/* | sha256sum | cut -c1-16) $(command -v gcc)"; }
+kernels() { echo "$(cat setup.py csrc/* {grasping/curvature_planner,grasping/segmentation,pec/preprocessing}/csrc/* | sha256sum | cut -c1-16) $(command -v gcc)"; }
 wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
 if [ "$(cat .venv/.pecgrasp 2>/dev/null)" != "$wanted" ]; then
     [ -x .venv/bin/python ] && .venv/bin/python -m pip --version >/dev/null 2>&1 || make_venv

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.errors import ConfigError
-from grasping.segmentation.kernels import compiled
+from grasping.segmentation import kernels
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -40,10 +40,10 @@ class BoostedTrees:
     def log_odds(self, features: Float32Array) -> FloatArray:
         """(P,) for rows of features (P, F), NaN where one is not known."""
         features = np.ascontiguousarray(features, dtype=np.float32)
-        if compiled is not None and len(features):
+        if kernels.compiled is not None:
             odds = np.full(len(features), self.baseline)
             nodes = (self.feature, self.threshold, self.left, self.right, self.missing_left, self.value, self.start)
-            compiled.add_trees(*nodes, features, odds)
+            kernels.compiled.add_trees(*nodes, features, odds)
             return odds
         return self.log_odds_reference(features)
 

@@ -11,7 +11,7 @@ import heapq
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.kernels import compiled
+from grasping.segmentation import kernels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -22,9 +22,9 @@ def cluster(count: int, first: IntArray, second: IntArray, agreement: FloatArray
 
     first, second: (P,) pairs of nodes, once each, first < second; agreement: (P,), above 0 where they belong together.
     """
-    if compiled is not None:
-        root = np.arange(count, dtype=np.int64)
-        compiled.cluster(first, second, agreement, root)
+    if kernels.compiled is not None:
+        root = np.empty(count, dtype=np.int64)
+        kernels.compiled.cluster(first, second, agreement, root)
     else:
         root = cluster_reference(count, first, second, agreement)
     _, start, inverse = np.unique(root, return_index=True, return_inverse=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.kernels import compiled
+from grasping.segmentation import kernels
 from grasping.segmentation.surface_fits import SurfaceFits
 from grasping.segmentation.working_image import WorkingImage
 
@@ -58,13 +58,12 @@ def measure_patches(
     table: NDArray[np.bool_],
 ) -> PatchMeasures:
     """positions (h, w, 3), m; edge, height (h, w), m above the table, NaN without one; table (h, w): its pixels."""
-    surroundings = np.where(table, np.float32(1), np.where(image.inverse_depth > 0, np.float32(0), np.float32(-1)))
-    arguments = (image.inverse_depth, fits.normals, positions, labels, edge, height, surroundings)
+    arguments = (image.inverse_depth, fits.normals, positions, labels, edge, height, table)
     sums = np.zeros((count + 1, SUMS))
     bins = np.zeros((count + 1, BINS))
     sides = np.zeros((count + 1, SIDES))
-    if compiled is not None:
-        compiled.measure_patches(*arguments, image.pixel, sums, bins, sides)
+    if kernels.compiled is not None:
+        kernels.compiled.measure_patches(*arguments, image.pixel, sums, bins, sides)
     else:
         sums_reference(*arguments, image.pixel, sums, bins, sides)
     pixels = sums[:, 0]
@@ -106,7 +105,7 @@ def sums_reference(
     labels: Labels,
     edge: Float32Array,
     height: Float32Array,
-    surroundings: Float32Array,
+    table: NDArray[np.bool_],
     pixel: float,
     sums: FloatArray,
     bins: FloatArray,
@@ -114,7 +113,6 @@ def sums_reference(
 ) -> None:
     """Add up for each label: 1; column and row to `POWERS`; the quadratic's terms times inverse depth; its square;
     position; its products; normal; area; edge. bins: heights. sides: of the outline, and what they are beside.
-    surroundings: 1 table, 0 other, −1 nothing measured.
     """
     h, w = labels.shape
     at = np.flatnonzero(labels)
@@ -141,15 +139,16 @@ def sums_reference(
         sums[:, k] = np.bincount(own, value, minlength=len(sums))
     high = height.ravel()[at]
     known = np.isfinite(high)
-    number = np.clip((high[known] * np.float32(BINS / TALLEST)).astype(np.int64), 0, BINS - 1)
+    number = np.clip(high[known] * np.float32(BINS / TALLEST), 0, BINS - 1).astype(np.int64)
     bins += np.bincount(own[known] * BINS + number, minlength=bins.size).reshape(bins.shape)
-    around = surroundings.ravel()
+    on_table, measured = table.ravel(), inverse_depth.ravel() > 0
     for step, inside in ((1, column < w - 1), (-1, column > 0), (w, row < h - 1), (-w, row > 0)):
         beside = np.where(inside, at + step, 0)
         outside = ~inside | (labels.ravel()[beside] != own)
         bare = outside & inside & (labels.ravel()[beside] == 0)
-        table = bare & (around[beside] > 0)
-        for k, which in enumerate((outside, table, table & (high < LOW), bare & (around[beside] < 0), ~inside)):
+        foot = bare & on_table[beside]
+        hole = bare & ~on_table[beside] & ~measured[beside]
+        for k, which in enumerate((outside, foot, foot & (high < LOW), hole, ~inside)):
             sides[:, k] += np.bincount(own[which], minlength=len(sides))
 
 

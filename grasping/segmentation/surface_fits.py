@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.kernels import compiled
+from grasping.segmentation import kernels
 from grasping.segmentation.working_image import WorkingImage
 
 Float32Array = NDArray[np.float32]
@@ -35,26 +35,37 @@ class SurfaceFits:
 
 def fit_surfaces(image: WorkingImage, asked: IntArray) -> SurfaceFits:
     """Fit a plane about each of the asked-for pixels (M,), indices of the flattened image."""
-    h, w = image.shape
+    to_frame = np.linalg.inv(image.rays).astype(np.float32)
+    if kernels.compiled is None:
+        return fit_surfaces_reference(image.inverse_depth, asked, to_frame)
+    fits = _no_fits(image.shape)
+    arrays = (fits.inverse_depth, fits.slopes, fits.normals)
+    kernels.compiled.fit_surfaces(np.ascontiguousarray(image.inverse_depth), asked, to_frame, *arrays)
+    return fits
+
+
+def fit_surfaces_reference(inverse_depth: Float32Array, asked: IntArray, to_frame: Float32Array) -> SurfaceFits:
+    """`fit_surfaces` in NumPy. to_frame: (3, 3), a plane's terms (along columns, along rows, at pixel 0) @ to_frame are
+    along its normal in the cloud's frame.
+    """
+    h, w = inverse_depth.shape
     framed = np.zeros((h + 2 * MARGIN, w + 2 * MARGIN), dtype=np.float32)
-    framed[MARGIN:-MARGIN, MARGIN:-MARGIN] = image.inverse_depth
+    framed[MARGIN:-MARGIN, MARGIN:-MARGIN] = inverse_depth
     row, column = np.divmod(asked, w)
-    at = (row + MARGIN) * framed.shape[1] + column + MARGIN
-    planes = np.zeros((3, len(asked)), dtype=np.float32)
-    if compiled is not None:
-        compiled.fit_planes(framed, at, planes)
-    else:
-        planes = fit_planes_reference(framed, at)
-    inverse_depth = np.zeros(h * w, dtype=np.float32)
-    inverse_depth[asked] = image.inverse_depth.ravel()[asked] + planes[2]
-    slopes = np.zeros((h * w, 2), dtype=np.float32)
-    slopes[asked] = planes[:2].T
-    normals = np.zeros((h * w, 3), dtype=np.float32)
-    normals[asked] = _normals(image, row, column, inverse_depth[asked], planes)
-    return SurfaceFits(inverse_depth.reshape(h, w), slopes.reshape(h, w, 2), normals.reshape(h, w, 3))
+    planes = _fit_planes(framed, (row + MARGIN) * framed.shape[1] + column + MARGIN)
+    fitted = inverse_depth.ravel()[asked] + planes[2]
+    fits = _no_fits((h, w))
+    fits.inverse_depth.reshape(-1)[asked] = fitted
+    fits.slopes.reshape(-1, 2)[asked] = planes[:2].T
+    fits.normals.reshape(-1, 3)[asked] = _normals(planes, fitted, row, column, to_frame)
+    return fits
 
 
-def fit_planes_reference(framed: Float32Array, at: IntArray) -> Float32Array:
+def _no_fits(shape: tuple[int, int]) -> SurfaceFits:
+    return SurfaceFits(*(np.zeros((*shape, *axis), dtype=np.float32) for axis in ((), (2,), (3,))))
+
+
+def _fit_planes(framed: Float32Array, at: IntArray) -> Float32Array:
     """(3, M) along columns, along rows, and at the pixel less its own inverse depth. framed: with a margin of zeros."""
     flat, width = framed.ravel(), framed.shape[1]
     own = flat[at]
@@ -95,11 +106,10 @@ def _solve(sums: Float32Array) -> Float32Array:
 
 
 def _normals(
-    image: WorkingImage, row: IntArray, column: IntArray, inverse_depth: Float32Array, planes: Float32Array
+    planes: Float32Array, fitted: Float32Array, row: IntArray, column: IntArray, to_frame: Float32Array
 ) -> Float32Array:
     """(M, 3) of length one towards the camera, in the cloud's frame."""
-    at_origin = inverse_depth - planes[0] * column.astype(np.float32) - planes[1] * row.astype(np.float32)
-    to_frame = np.linalg.inv(image.rays).astype(np.float32)
+    at_origin = fitted - planes[0] * column.astype(np.float32) - planes[1] * row.astype(np.float32)
     away = [planes[0] * to_frame[0, k] + planes[1] * to_frame[1, k] + at_origin * to_frame[2, k] for k in range(3)]
     length = np.sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2])
     scale = np.float32(-1) / np.maximum(length, np.float32(1e-12))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from grasping.segmentation.kernels import compiled
+from grasping.segmentation import kernels
 from grasping.segmentation.surface_fits import SurfaceFits
 
 Float32Array = NDArray[np.float32]
@@ -24,6 +24,7 @@ DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 CONVEX, CONCAVE = 0.9, 1.3  # of an edge a radian: things touch in concave folds
 JUMP = 0.016  # 1/m of a jump that is an edge of 1
 LEVELS = (0.25, 0.4, 0.6, 1.0)  # of edge, up to which patches grow, one after the other
+ANY = float(np.finfo(np.float32).max)  # of edge: the last level
 LEAST_SEED = 12  # pixels from which a patch grows
 LEAST_PATCH = 6  # pixels that are left over and no patch's
 SMOOTH = 0.5  # mean edge of a border that divides nothing
@@ -38,10 +39,10 @@ def cut_into_patches(fits: SurfaceFits, positions: Float32Array, asked: IntArray
     positions: (h, w, 3) of the pixels from the camera, m.
     """
     edge = edges(fits, positions, asked)
-    if compiled is not None:
+    if kernels.compiled is not None:
         labels = np.zeros(edge.shape, dtype=np.int32)
-        count = compiled.grow_patches(edge, fits.inverse_depth, labels)
-        count = compiled.merge_patches(edge, labels, count)
+        count = kernels.compiled.grow_patches(edge, fits.inverse_depth, labels)
+        count = kernels.compiled.merge_patches(edge, labels, count)
         return labels, count, edge
     labels, count = grow_patches_reference(edge, fits.inverse_depth)
     labels, count = merge_patches_reference(edge, labels, count)
@@ -50,14 +51,13 @@ def cut_into_patches(fits: SurfaceFits, positions: Float32Array, asked: IntArray
 
 def edges(fits: SurfaceFits, positions: Float32Array, asked: IntArray) -> Float32Array:
     """(h, w): how much of an edge each asked-for pixel (M,) is, from 0 up; infinite elsewhere."""
-    h, w = fits.inverse_depth.shape
-    flat = np.full(h * w, np.inf, dtype=np.float32)
+    edge = np.full(fits.inverse_depth.shape, np.inf, dtype=np.float32)
     arrays = (fits.inverse_depth, fits.slopes, fits.normals, positions)
-    if compiled is not None:
-        compiled.edges(*arrays, asked, flat)
+    if kernels.compiled is not None:
+        kernels.compiled.edges(*arrays, asked, edge)
     else:
-        flat[asked] = edges_reference(*arrays, asked)
-    return flat.reshape(h, w)
+        edge.reshape(-1)[asked] = edges_reference(*arrays, asked)
+    return edge
 
 
 def edges_reference(
@@ -95,9 +95,9 @@ def edges_reference(
 def grow_patches_reference(edge: Float32Array, inverse_depth: Float32Array) -> tuple[Labels, int]:
     """Patches that grow level by level, by one pixel at a time, from where it is smooth, and never over a jump."""
     labels, count = np.zeros(edge.shape, dtype=np.int32), 0
-    for level in (*LEVELS, np.inf):
-        least = LEAST_SEED if level < np.inf else LEAST_PATCH
-        open_ = edge <= np.float32(level) if level < np.inf else np.isfinite(edge)
+    for level in (*LEVELS, ANY):
+        least = LEAST_SEED if level < ANY else LEAST_PATCH
+        open_ = edge <= np.float32(level)
         _grow(labels, open_, inverse_depth)
         new, found = ndimage.label(open_ & (labels == 0))
         sizes = np.bincount(new.ravel(), minlength=found + 1)

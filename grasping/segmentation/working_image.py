@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.kernels import compiled
+from grasping.segmentation import kernels
 from grasping.segmentation.lines_of_sight import LinesOfSight
 
 FloatArray = NDArray[np.float64]
@@ -128,9 +128,11 @@ def loose_image(points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray
 
 
 def reduce_blocks(q: Float32Array, block: int) -> Float32Array:
-    """(H // block, W // block): the mean of what lies about each block's median, 0 where half was not measured."""
-    if compiled is not None:
-        return np.asarray(compiled.reduce_blocks(q, block))
+    """(H // block, W // block): the mean of what lies about each block's median; 0 where half was not measured."""
+    if kernels.compiled is not None:
+        reduced = np.empty((q.shape[0] // block, q.shape[1] // block), dtype=np.float32)
+        kernels.compiled.reduce_blocks(np.ascontiguousarray(q), block, reduced)
+        return reduced
     return reduce_blocks_reference(q, block)
 
 

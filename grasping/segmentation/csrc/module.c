@@ -1,0 +1,300 @@
+/* The Python side of the compiled kernels. */
+#include "array_arguments.h"
+#include "segmentation.h"
+
+/* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
+#define INTERFACE 1
+
+#define INT32 "il"
+#define INT64 "lq"
+
+/* The items of a contiguous array (first, second, third), whose lengths must be these; 0 stands for no such dimension.
+ * NULL with an error if not. */
+static void *items(Arrays *arrays, PyObject *from, const char *name, const char *formats, Py_ssize_t first,
+                   Py_ssize_t second, Py_ssize_t third, int writable)
+{
+    const Py_ssize_t shape[3] = {first, second, third};
+    const int ndim = third ? 3 : second ? 2 : 1;
+    Py_buffer *view = array_argument(arrays, from, name, formats, ndim, 0, -1, writable);
+    for (int axis = 0; view && axis < ndim; axis++)
+        if (view->shape[axis] != shape[axis]) {
+            PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);
+            view = NULL;
+        }
+    return view ? view->buf : NULL;
+}
+
+/* A list of whatever length, which comes back in `count`. */
+static const void *list(Arrays *arrays, PyObject *from, const char *name, const char *formats, Py_ssize_t *count)
+{
+    const Py_buffer *view = array_argument(arrays, from, name, formats, 1, 0, -1, 0);
+    if (!view)
+        return NULL;
+    *count = view->shape[0];
+    return view->buf;
+}
+
+/* An image of float32, by which all others are judged: of a pixel at least. */
+static const float *image(Arrays *arrays, PyObject *from, const char *name, Py_ssize_t *h, Py_ssize_t *w)
+{
+    const Py_buffer *view = array_argument(arrays, from, name, "f", 2, 0, -1, 0);
+    if (!view)
+        return NULL;
+    *h = view->shape[0];
+    *w = view->shape[1];
+    if (*h >= 1 && *w >= 1)
+        return view->buf;
+    PyErr_Format(PyExc_ValueError, "%s: no pixels", name);
+    return NULL;
+}
+
+static PyObject *failure(ptrdiff_t code)
+{
+    if (code == OUT_OF_RANGE)
+        return PyErr_Format(PyExc_ValueError, "an index points out of the array that it is for");
+    return PyErr_NoMemory();
+}
+
+static PyObject *reduce(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *inverse_depth, *reduced, *answer = NULL;
+    Py_ssize_t block, h, w;
+    if (!PyArg_ParseTuple(arguments, "OnO", &inverse_depth, &block, &reduced))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    const float *q;
+    float *out;
+    if ((q = image(&arrays, inverse_depth, "inverse_depth", &h, &w))) {
+        if (block < 1 || block > h || block > w) {
+            PyErr_SetString(PyExc_ValueError, "block: the image is smaller");
+        } else if ((out = items(&arrays, reduced, "reduced", "f", h / block, w / block, 0, 1))) {
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = reduce_blocks(q, h, w, block, out);
+            Py_END_ALLOW_THREADS
+            answer = code ? failure(code) : Py_NewRef(Py_None);
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *fit(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *inverse_depth, *asked, *to_frame, *fitted, *slopes, *normals, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOOOOO", &inverse_depth, &asked, &to_frame, &fitted, &slopes, &normals))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w, count;
+    const float *q, *turn;
+    const int64_t *pixels;
+    float *at, *along, *across;
+    if ((q = image(&arrays, inverse_depth, "inverse_depth", &h, &w)) &&
+        (pixels = list(&arrays, asked, "asked", INT64, &count)) &&
+        (turn = items(&arrays, to_frame, "to_frame", "f", 3, 3, 0, 0)) &&
+        (at = items(&arrays, fitted, "fitted", "f", h, w, 0, 1)) &&
+        (along = items(&arrays, slopes, "slopes", "f", h, w, 2, 1)) &&
+        (across = items(&arrays, normals, "normals", "f", h, w, 3, 1))) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = fit_surfaces(q, h, w, pixels, count, turn, at, along, across);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *edges(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *fitted, *slopes, *normals, *positions, *asked, *edge, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOOOOO", &fitted, &slopes, &normals, &positions, &asked, &edge))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w, count;
+    const float *at, *along, *across, *place;
+    const int64_t *pixels;
+    float *out;
+    if ((at = image(&arrays, fitted, "fitted", &h, &w)) &&
+        (along = items(&arrays, slopes, "slopes", "f", h, w, 2, 0)) &&
+        (across = items(&arrays, normals, "normals", "f", h, w, 3, 0)) &&
+        (place = items(&arrays, positions, "positions", "f", h, w, 3, 0)) &&
+        (pixels = list(&arrays, asked, "asked", INT64, &count)) &&
+        (out = items(&arrays, edge, "edge", "f", h, w, 0, 1))) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = find_edges(at, along, across, place, h, w, pixels, count, out);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *grow(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *edge, *fitted, *labels, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOO", &edge, &fitted, &labels))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w;
+    const float *edges_, *at;
+    int32_t *out;
+    if ((edges_ = image(&arrays, edge, "edge", &h, &w)) && (at = items(&arrays, fitted, "fitted", "f", h, w, 0, 0)) &&
+        (out = items(&arrays, labels, "labels", INT32, h, w, 0, 1))) {
+        ptrdiff_t count;
+        Py_BEGIN_ALLOW_THREADS
+        count = grow_patches(edges_, at, h, w, out);
+        Py_END_ALLOW_THREADS
+        answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *merge(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *edge, *labels, *answer = NULL;
+    Py_ssize_t count, h, w;
+    if (!PyArg_ParseTuple(arguments, "OOn", &edge, &labels, &count))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    const float *edges_;
+    int32_t *out;
+    if ((edges_ = image(&arrays, edge, "edge", &h, &w)) && (out = items(&arrays, labels, "labels", INT32, h, w, 0, 1))) {
+        if (count < 0 || count > h * w) {
+            PyErr_SetString(PyExc_ValueError, "count: more patches than pixels");
+        } else {
+            ptrdiff_t left;
+            Py_BEGIN_ALLOW_THREADS
+            left = merge_patches(edges_, h, w, out, count);
+            Py_END_ALLOW_THREADS
+            answer = left < 0 ? failure(left) : PyLong_FromSsize_t(left);
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *measure(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *inverse_depth, *normals, *positions, *labels, *edge, *height, *table, *sums, *bins, *sides, *answer = NULL;
+    Measured on;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOOdOOO", &inverse_depth, &normals, &positions, &labels, &edge, &height, &table,
+                          &on.pixel, &sums, &bins, &sides))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_buffer *added;
+    double *heights, *outlines;
+    if ((on.inverse_depth = image(&arrays, inverse_depth, "inverse_depth", &on.h, &on.w)) &&
+        (on.normals = items(&arrays, normals, "normals", "f", on.h, on.w, 3, 0)) &&
+        (on.positions = items(&arrays, positions, "positions", "f", on.h, on.w, 3, 0)) &&
+        (on.labels = items(&arrays, labels, "labels", INT32, on.h, on.w, 0, 0)) &&
+        (on.edge = items(&arrays, edge, "edge", "f", on.h, on.w, 0, 0)) &&
+        (on.height = items(&arrays, height, "height", "f", on.h, on.w, 0, 0)) &&
+        (on.table = items(&arrays, table, "table", "?", on.h, on.w, 0, 0)) &&
+        (added = array_argument(&arrays, sums, "sums", "d", 2, 1, SUMS, 1)) &&
+        (heights = items(&arrays, bins, "bins", "d", added->shape[0], BINS, 0, 1)) &&
+        (outlines = items(&arrays, sides, "sides", "d", added->shape[0], SIDES, 0, 1))) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = measure_patches(&on, added->shape[0], added->buf, heights, outlines);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *boost(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *feature, *threshold, *left, *right, *missing_left, *value, *start, *features, *odds, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOOOO", &feature, &threshold, &left, &right, &missing_left, &value, &start,
+                          &features, &odds))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Trees trees;
+    Py_buffer *rows;
+    double *out;
+    if ((trees.feature = list(&arrays, feature, "feature", INT32, &trees.nodes)) &&
+        (trees.threshold = items(&arrays, threshold, "threshold", "f", trees.nodes, 0, 0, 0)) &&
+        (trees.left = items(&arrays, left, "left", INT32, trees.nodes, 0, 0, 0)) &&
+        (trees.right = items(&arrays, right, "right", INT32, trees.nodes, 0, 0, 0)) &&
+        (trees.missing_left = items(&arrays, missing_left, "missing_left", INT32, trees.nodes, 0, 0, 0)) &&
+        (trees.value = items(&arrays, value, "value", "d", trees.nodes, 0, 0, 0)) &&
+        (trees.start = list(&arrays, start, "start", INT32, &trees.trees)) &&
+        (rows = array_argument(&arrays, features, "features", "f", 2, 0, -1, 0)) &&
+        (out = items(&arrays, odds, "odds", "d", rows->shape[0], 0, 0, 1))) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = add_trees(&trees, rows->buf, rows->shape[0], rows->shape[1], out);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *group(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *first, *second, *agreement, *root, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOOO", &first, &second, &agreement, &root))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t pairs;
+    Py_buffer *out;
+    const int64_t *low, *high;
+    const double *values;
+    if ((low = list(&arrays, first, "first", INT64, &pairs)) &&
+        (high = items(&arrays, second, "second", INT64, pairs, 0, 0, 0)) &&
+        (values = items(&arrays, agreement, "agreement", "d", pairs, 0, 0, 0)) &&
+        (out = array_argument(&arrays, root, "root", INT64, 1, 0, -1, 1))) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = cluster(low, high, values, pairs, out->shape[0], out->buf);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyMethodDef methods[] = {
+    {"reduce_blocks", reduce, METH_VARARGS, "See working_image.reduce_blocks: fills `reduced`."},
+    {"fit_surfaces", fit, METH_VARARGS, "See surface_fits.fit_surfaces: fills what was asked for."},
+    {"edges", edges, METH_VARARGS, "See surface_patches.edges: fills what was asked for."},
+    {"grow_patches", grow, METH_VARARGS, "See surface_patches.grow_patches_reference: fills `labels`, returns the number."},
+    {"merge_patches", merge, METH_VARARGS, "See surface_patches.merge_patches_reference: changes `labels`, likewise."},
+    {"measure_patches", measure, METH_VARARGS, "See patch_measures.sums_reference: adds to sums, bins and sides."},
+    {"add_trees", boost, METH_VARARGS, "See boosted_trees.BoostedTrees.log_odds: adds to `odds`."},
+    {"cluster", group, METH_VARARGS, "See correlation_clustering.cluster_reference: fills `root`."},
+    {NULL, NULL, 0, NULL},
+};
+
+static int execute(PyObject *module)
+{
+    return PyModule_AddIntConstant(module, "INTERFACE", INTERFACE);
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};
+
+static struct PyModuleDef definition = {
+    .m_base = PyModuleDef_HEAD_INIT,
+    .m_name = "grasping.segmentation._kernels",
+    .m_doc = "The compiled pixel loops of the segmenter.",
+    .m_methods = methods,
+    .m_slots = slots,
+};
+
+PyMODINIT_FUNC PyInit__kernels(void)
+{
+    return PyModuleDef_Init(&definition);
+}

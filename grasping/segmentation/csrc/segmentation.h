@@ -1,0 +1,66 @@
+/* The compiled pixel loops of the segmenter; every function repeats a NumPy reference of this package bit for bit.
+ *
+ * That is why nothing here may be contracted or reordered by the compiler (see setup.py), and why sums are added up in
+ * the order of the reference's. Images are h × w by rows, a pixel's number is row · w + column; inverse depths in 1/m.
+ * Loops over neighbouring pixels are written for the compiler to vectorise. Nothing here touches Python: callers may
+ * release the interpreter's lock. */
+#ifndef GRASPING_SEGMENTATION_H
+#define GRASPING_SEGMENTATION_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define OUT_OF_MEMORY (-1)
+#define OUT_OF_RANGE (-2)
+
+/* NumPy's: NaN if either is. */
+static inline float maximum(float a, float b) { return (a >= b) | (a != a) ? a : b; }
+static inline float minimum(float a, float b) { return (a <= b) | (a != a) ? a : b; }
+
+/* Means of what lies about the median of block × block pixels. out: (h / block) × (w / block). */
+int reduce_blocks(const float *q, ptrdiff_t h, ptrdiff_t w, ptrdiff_t block, float *out);
+
+/* Planes about the asked-for pixels. to_frame: 3 × 3, from a plane's terms to its normal. slopes: h × w × 2, normals:
+ * h × w × 3. Only what was asked for is written. */
+int fit_surfaces(const float *q, ptrdiff_t h, ptrdiff_t w, const int64_t *asked, ptrdiff_t count, const float *to_frame,
+                 float *fitted, float *slopes, float *normals);
+
+/* How much of an edge each of the asked-for pixels is. Only what was asked for is written. */
+int find_edges(const float *fitted, const float *slopes, const float *normals, const float *positions, ptrdiff_t h,
+               ptrdiff_t w, const int64_t *asked, ptrdiff_t count, float *edge);
+
+/* Fills `labels`; returns their number. */
+ptrdiff_t grow_patches(const float *edge, const float *fitted, ptrdiff_t h, ptrdiff_t w, int32_t *labels);
+
+/* Changes `labels` from 0 … count; returns the number that is left. */
+ptrdiff_t merge_patches(const float *edge, ptrdiff_t h, ptrdiff_t w, int32_t *labels, ptrdiff_t count);
+
+/* What `measure_patches` adds up, and over what. */
+typedef struct {
+    const float *inverse_depth, *normals, *positions, *edge, *height;
+    const int32_t *labels;
+    const unsigned char *table;
+    ptrdiff_t h, w;
+    double pixel;
+} Measured;
+
+enum { SUMS = 37, BINS = 256, SIDES = 5 };
+
+/* Adds to rows 0 … count − 1 of sums, bins and sides. */
+int measure_patches(const Measured *image, ptrdiff_t count, double *sums, double *bins, double *sides);
+
+/* Trees as in boosted_trees.py. */
+typedef struct {
+    const int32_t *feature, *left, *right, *missing_left, *start;
+    const float *threshold;
+    const double *value;
+    ptrdiff_t nodes, trees;
+} Trees;
+
+int add_trees(const Trees *trees, const float *features, ptrdiff_t rows, ptrdiff_t columns, double *odds);
+
+/* Fills root (nodes). */
+int cluster(const int64_t *first, const int64_t *second, const double *agreement, ptrdiff_t pairs, ptrdiff_t nodes,
+            int64_t *root);
+
+#endif
