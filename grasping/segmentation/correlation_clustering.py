@@ -24,7 +24,8 @@ def cluster(count: int, first: IntArray, second: IntArray, agreement: FloatArray
     """
     if kernels.compiled is not None:
         root = np.empty(count, dtype=np.int64)
-        kernels.compiled.cluster(first, second, agreement, root)
+        arrays = (np.ascontiguousarray(part) for part in (first, second, agreement))
+        kernels.compiled.cluster(*arrays, root)
     else:
         root = cluster_reference(count, first, second, agreement)
     _, start, inverse = np.unique(root, return_index=True, return_inverse=True)
