@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from grasping.errors import CloudError
 from grasping.segmentation.boosted_trees import BoostedTrees, Relations
@@ -27,6 +28,9 @@ TREES, LEAVES = 200, 24
 RATE, LEAST_EXAMPLES, RIDGE = 0.08, 20, 1.0
 OBJECTS = 2  # labels from this up are objects; 1 is the table, 0 all else
 WITHOUT_TABLE = 0.15  # of the frames are cut once more as if no table had been found
+WITH_BARS = 0.5  # of the frames are cut once more with bars before some objects
+MOST_BARS, LEAST_HIDDEN = 3, 400  # of them, and pixels of an object that one is held before
+LENGTHWISE = 0.7  # of the bars stand across the object's long side
 WHOLE = 0.75  # of the union of a group and its object, that both have
 LEAST_PURITY = 0.6  # of a patch's pixels that are of one object; of a mixed patch nothing is right
 
@@ -65,21 +69,69 @@ class CutFrame:
 
 
 def cut_frames(
-    frames: Iterable[tuple[NDArray, NDArray]], without_table: float, seed: int
+    frames: Iterable[tuple[NDArray, NDArray]], without_table: float, with_bars: float, seed: int
 ) -> Iterator[tuple[int, CutFrame]]:
     """Number and patches of frames: clouds (H, W, 3), m, with labels (H, W).
 
-    without_table: the share of frames that are cut once more as if no table had been found in them.
+    without_table, with_bars: shares of frames that are cut once more, as if no table had been found in them, and with
+    bars before some of the objects.
     """
     rng = np.random.default_rng(seed)
     for number, (cloud, labels) in enumerate(frames):
-        for with_table in (True, False) if rng.uniform() < without_table else (True,):
+        ways = [(cloud, labels, True)]
+        if rng.uniform() < without_table:
+            ways.append((cloud, labels, False))
+        if rng.uniform() < with_bars:
+            ways.append((*hide_middles(cloud, labels, rng), True))
+        for seen, owned, with_table in ways:
             try:
-                surfaces = Segmenter().surfaces(cloud, with_table=with_table)
+                surfaces = Segmenter().surfaces(seen, with_table=with_table)
             except CloudError:
                 continue
             if surfaces is not None and surfaces.count:
-                yield number, CutFrame(surfaces, *owners(surfaces, labels))
+                yield number, CutFrame(surfaces, *owners(surfaces, owned))
+
+
+def hide_middles(cloud: NDArray, labels: NDArray, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
+    """A frame with bars held before some of its objects, so that what is seen of these are two ends.
+
+    Few simulated scenes show that, and whether two ends are of one thing is what is hardest to say.
+    """
+    cloud, labels = cloud.copy(), labels.copy()
+    row, column = np.indices(labels.shape)
+    for label in rng.permutation(np.unique(labels[labels >= OBJECTS]))[:MOST_BARS]:
+        own = (labels == label) & np.isfinite(cloud[..., 2])
+        if np.count_nonzero(own) < LEAST_HIDDEN:
+            continue
+        r, c = row[own], column[own]
+        spread = np.cov(np.stack([r, c]))
+        along = np.linalg.eigh(spread)[1][:, 1] if rng.uniform() < LENGTHWISE else rng.normal(size=2)
+        along = along / np.linalg.norm(along) + rng.normal(0, 0.2, 2)
+        along /= np.linalg.norm(along)
+        reach = (r - r.mean()) * along[0] + (c - c.mean()) * along[1]
+        half = rng.uniform(0.08, 0.3) * np.ptp(reach) / 2 + 2
+        offset = rng.uniform(-0.3, 0.3) * np.ptp(reach) / 2
+        across = (row - r.mean()) * along[0] + (column - c.mean()) * along[1] - offset
+        length = np.abs((row - r.mean()) * along[1] - (column - c.mean()) * along[0])
+        bar = (np.abs(across) < half) & (length < rng.uniform(0.5, 1.2) * np.ptp(reach)) & np.isfinite(cloud[..., 2])
+        own_z = cloud[..., 2][own]
+        front = np.quantile(own_z, 0.02) - rng.uniform(0.01, 0.15)
+        # Flat or round, as noisy as what was there.
+        grain = np.clip(np.nan_to_num(cloud[..., 2] - _smooth(cloud[..., 2])), -0.003, 0.003)
+        z = front + rng.choice([0.0, 0.02]) * (across / half) ** 2 + grain
+        with np.errstate(invalid="ignore"):
+            bar &= z < cloud[..., 2]
+        cloud[bar] *= (z / cloud[..., 2])[bar, None]
+        labels[bar] = labels.max() + 1
+        shadow = (across > half) & (across < half + rng.uniform(0, 8)) & (length < np.ptp(reach))
+        cloud[shadow] = np.nan
+    return cloud, labels
+
+
+def _smooth(depth: NDArray) -> NDArray:
+    known = np.isfinite(depth)
+    total = ndimage.uniform_filter(np.where(known, depth, 0.0), 5)
+    return np.where(known, total / np.maximum(ndimage.uniform_filter(known.astype(float), 5), 1e-3), np.nan)
 
 
 def add_pairs(cut: CutFrame, near: Examples, far: Examples) -> None:
@@ -188,12 +240,12 @@ def train(frames: Callable[[], Iterable[tuple[NDArray, NDArray]]], about: dict[s
     """
     near = (Examples(), Examples())
     far = (Examples(), Examples())
-    for number, cut in cut_frames(frames(), WITHOUT_TABLE, seed):
+    for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
         add_pairs(cut, near[number % 2], far[number % 2])
     nothing = as_arrays([], 0.0)
     halves = [Relations(fit_trees(near[i], seed), fit_trees(far[i], seed), nothing, nothing, {}) for i in (0, 1)]
     thing, whole = Examples(), Examples()
-    for number, cut in cut_frames(frames(), WITHOUT_TABLE, seed):
+    for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
         add_groups(cut, halves[1 - number % 2], thing, whole)
     pairs = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
     return Relations(*pairs, fit_trees(thing, seed), fit_trees(whole, seed), about)

@@ -118,7 +118,7 @@ def evaluate(folder: Path, file: Path, relations: Relations) -> tuple[dict[str, 
 def _kept_apart(folder: Path, relations: Relations) -> dict[str, Examples]:
     kinds = {name: Examples() for name in NAMES}
     frames = ((cloud_of(frame), labels_of(frame)) for frame in frames_of(folder, val=True))
-    for _, cut in cut_frames(frames, 0.0, 0):
+    for _, cut in cut_frames(frames, 0.0, 0.0, 0):
         add_pairs(cut, kinds["near"], kinds["far"])
         add_groups(cut, relations, kinds["thing"], kinds["whole"])
     return kinds
