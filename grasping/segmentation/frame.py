@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from grasping.segmentation.flying_pixels import edge_owners, ramps, single_pixel
 from grasping.segmentation.lines_of_sight import LinesOfSight
 from grasping.segmentation.planes import Plane
 from grasping.segmentation.robot_body import RobotBody
-from grasping.segmentation.scene import Rejected, Scene
+from grasping.segmentation.scene import OnDemand, Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, View, find_table
 from grasping.segmentation.working_image import WorkingImage, loose_image, organised_image
 from grasping.validation import FARTHEST, position
@@ -251,7 +252,7 @@ class Frame:
 
     def _seen_from(
         self, plane: FloatArray | None, kept: list[IntArray], clouds: list[NDArray]
-    ) -> tuple[FloatArray | None, list[FloatArray]]:
+    ) -> tuple[FloatArray | None, Sequence[FloatArray]]:
         """Where the camera stood, if that is known, and for each object the far ends of the lines that met nothing."""
         nothing = [np.empty((0, 3)) for _ in kept]
         if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
@@ -260,10 +261,8 @@ class Frame:
             return self._origin, nothing
         if self.sight is None:
             return self._viewpoint, nothing
-        far = [
-            self.sight.unseen(self._hidden, index, points, plane) for index, points in zip(kept, clouds, strict=True)
-        ]
-        return self._origin, far
+        objects = zip(kept, clouds, strict=True)
+        return self._origin, OnDemand([partial(self.sight.unseen, self._hidden, *each, plane) for each in objects])
 
     def _touches_robot(self, points: NDArray) -> bool:
         return self._robot is not None and len(self._robot.within(points, GRIPPER_CONTACT)) > 0

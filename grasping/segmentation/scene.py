@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +45,31 @@ class Cut:
     sure: float
 
 
+class OnDemand(Sequence[FloatArray]):
+    """Arrays that are made when they are first asked for: of ten objects one is grasped."""
+
+    def __init__(self, make: Sequence[Callable[[], FloatArray]]) -> None:
+        self._make = make
+        self._made: dict[int, FloatArray] = {}
+
+    def __len__(self) -> int:
+        return len(self._make)
+
+    @overload
+    def __getitem__(self, at: int) -> FloatArray: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> list[FloatArray]: ...
+
+    def __getitem__(self, at: int | slice) -> FloatArray | list[FloatArray]:
+        if isinstance(at, slice):
+            return [self[i] for i in range(*at.indices(len(self)))]
+        number = range(len(self))[at]
+        if number not in self._made:
+            self._made[number] = self._make[number]()
+        return self._made[number]
+
+
 @dataclass(frozen=True)
 class Scene:
     """The objects of a frame, the largest first; lists of one length.
@@ -53,8 +80,8 @@ class Scene:
     obstacles: clouds of those of it that a gripper could hit. Every point of the input is in an object, in the table,
     or counted in `rejected` as "points" or "cluster". viewpoint: (3,) where the camera stood, in the frame of the
     input, or None where that is not known. unseen: for each object (K, 3), the far ends, on the table where there is
-    one, of the lines of sight on which the sensor measured nothing, or the robot, in the object or beside it; (0, 3)
-    for a loose cloud. other_planes: (4,) each, the largest first: a floor, a wall, a box's side; where they are stands
+    one, of the lines of sight on which the sensor measured nothing, or the robot, in the object or beside it, looked for
+    when they are asked for; (0, 3) for a loose cloud. other_planes: (4,) each, the largest first: a floor, a wall, a box's side; where they are stands
     in `rejected`. confidence: for each object how sure it is, in [0, 1], that it is one whole thing, no part and no sum
     of some; empty where the segmenter does not say. cuts: pairs of neighbouring objects, first < second, that it told
     apart; empty likewise.
@@ -69,7 +96,7 @@ class Scene:
     obstacles: list[FloatArray] = field(default_factory=list)
     n_table: int = 0
     viewpoint: FloatArray | None = None
-    unseen: list[FloatArray] = field(default_factory=list)
+    unseen: Sequence[FloatArray] = field(default_factory=list)
     other_planes: list[FloatArray] = field(default_factory=list)
     confidence: list[float] = field(default_factory=list)
     cuts: list[Cut] = field(default_factory=list)

@@ -19,7 +19,7 @@ Float32Array = NDArray[np.float32]
 
 NEAR = 0.02  # m from the plane, within which a pixel may be the table's
 ORDER = 3  # of the surface that bends the plane
-EVERY = 4  # pixels along rows and columns, of which one says how the table bends
+EVERY = 6  # pixels along rows and columns, of which one says how the table bends
 LEAST = 0.0012  # 1/m: of the noise; a perfect sensor's is not taken at its word
 FEWEST = 100  # pixels of the table that say how it bends
 WEAK = 2.0  # times the noise of the mean of 3×3 pixels, above which a pixel may be a thing's
