@@ -23,8 +23,8 @@ static inline void release(Arrays *arrays)
 }
 
 /* A contiguous array of `ndim` dimensions, `axis` of this length unless that is −1; NULL with an error if not.
- * formats: the types that it may have, each a letter of Python's struct. ? is of 1 byte, f of 4, and so
- * are whole numbers if i comes first; all others here are of 8. */
+ * formats: the types that it may have, each a letter of Python's struct. ? and B are of 1 byte, f of 4, and
+ * so are whole numbers if i comes first; all others here are of 8. */
 static inline Py_buffer *array_argument(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim,
                                         int axis, Py_ssize_t length, int writable)
 {
@@ -33,7 +33,7 @@ static inline Py_buffer *array_argument(Arrays *arrays, PyObject *from, const ch
         return NULL;
     arrays->count++;
     if (!view->format || strlen(view->format) != 1 || !strchr(formats, view->format[0]) ||
-        view->itemsize != (view->format[0] == '?' ? 1 : view->format[0] == 'f' || formats[0] == 'i' ? 4 : 8))
+        view->itemsize != (strchr("?B", view->format[0]) ? 1 : view->format[0] == 'f' || formats[0] == 'i' ? 4 : 8))
         PyErr_Format(PyExc_TypeError, "%s: items of another type", name);
     else if (view->ndim != ndim || (length >= 0 && view->shape[axis] != length))
         PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);

@@ -8,6 +8,36 @@ from numpy.typing import NDArray
 
 INTERFACE: int
 
+def positions(
+    inverse_depth: NDArray[np.float32],
+    along: NDArray[np.float32],
+    down: NDArray[np.float32],
+    positions: NDArray[np.float32],
+    /,
+) -> None:
+    """Fill positions (h, w, 3) by what columns (w, 3) and rows (h, 3) add to the rays."""
+
+def inverse_depths(
+    points: NDArray[np.float32] | NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    x: float,
+    y: float,
+    z: float,
+    camera_depth: float,
+    inverse_depth: NDArray[np.float32],
+    /,
+) -> None:
+    """Fill inverse_depth (N,) of points (N, 3), whose depth is (x, y, z) · point − camera_depth."""
+
+def mean_of_nine(values: NDArray[np.float32], measured: NDArray[np.bool_], mean: NDArray[np.float32], /) -> None:
+    """Fill mean (h, w)."""
+
+def label_pieces(mask: NDArray[np.bool_], labels: NDArray[np.int32], /) -> int:
+    """Fill labels (h, w); return the number of pieces."""
+
+def steps_to_borders(labels: NDArray[np.int32], unknown: NDArray[np.bool_], steps: NDArray[np.uint8], /) -> None:
+    """Fill steps (2, h, w), along the rows and down the columns."""
+
 def reduce_blocks(inverse_depth: NDArray[np.float32], block: int, reduced: NDArray[np.float32], /) -> None:
     """Fill `reduced` (h // block, w // block)."""
 

@@ -11,7 +11,9 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+
+from grasping.segmentation import kernels
+from grasping.segmentation.pieces import label_pieces
 
 IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
@@ -45,22 +47,13 @@ class Borders:
 
 def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
     """Find where patches adjoin, or have only a few pixels that are `unknown` (h, w) between them."""
-    h, w = labels.shape
-    flat, is_unknown = labels.ravel(), unknown.ravel()
-    labelled = np.flatnonzero(flat)
+    flat = labels.ravel()
     found: list[tuple[IntArray, IntArray, IntArray, NDArray[np.bool_]]] = []
-    for along_row in (True, False):
-        step = 1 if along_row else w
-        room = (w - 1 - labelled % w) if along_row else (h - 1 - labelled // w)
-        at = labelled
-        for steps in range(1, REACH + 1):
-            at, room = at[room >= steps], room[room >= steps]
-            there = at + steps * step
-            border = (flat[there] > 0) & (flat[there] != flat[at])
-            number = int(np.count_nonzero(border))
-            found.append((at[border], there[border], np.full(number, steps), np.full(number, along_row)))
-            onward = (flat[there] == 0) & is_unknown[there]
-            at, room = at[onward], room[onward]
+    along_row, down_column = steps_to_borders(labels, unknown).reshape(2, -1)
+    for far, step in ((along_row, 1), (down_column, labels.shape[1])):
+        at = np.flatnonzero(far)
+        steps = far[at].astype(np.int64)
+        found.append((at, at + steps * step, steps, np.full(len(at), far is along_row)))
     one, other, steps_, rows = (np.concatenate(part) for part in zip(*found, strict=True))
     swap = flat[one] > flat[other]
     inner, outer = np.where(swap, other, one), np.where(swap, one, other)
@@ -77,6 +70,33 @@ def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
         first=pairs // (count + 1),
         second=pairs % (count + 1),
     )
+
+
+def steps_to_borders(labels: Labels, unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(2, h, w): how many pixels it is to the next patch along the row and down the column; 0 where it is too far."""
+    if kernels.compiled is None:
+        return steps_to_borders_reference(labels, unknown)
+    steps = np.empty((2, *labels.shape), dtype=np.uint8)
+    kernels.compiled.steps_to_borders(labels, unknown, steps)
+    return steps
+
+
+def steps_to_borders_reference(labels: Labels, unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """`steps_to_borders` in NumPy."""
+    h, w = labels.shape
+    flat, is_unknown = labels.ravel(), unknown.ravel()
+    labelled = np.flatnonzero(flat)
+    steps = np.zeros((2, h * w), dtype=np.uint8)
+    row, column = np.divmod(labelled, w)
+    for found, step, room in zip(steps, (1, w), (w - 1 - column, h - 1 - row), strict=True):
+        at = labelled
+        for number in range(1, REACH + 1):
+            at, room = at[room >= number], room[room >= number]
+            there = at + number * step
+            found[at[(flat[there] > 0) & (flat[there] != flat[at])]] = number
+            onward = (flat[there] == 0) & is_unknown[there]
+            at, room = at[onward], room[onward]
+    return steps.reshape(2, h, w)
 
 
 def hidden_pairs(
@@ -104,26 +124,25 @@ def hidden_pairs(
 
 def pairs_at_holes(labels: Labels, measured: NDArray[np.bool_], found: Borders) -> set[tuple[int, int]]:
     """Pairs that do not adjoin, but both reach to one hole in the depth."""
-    holes, count = ndimage.label(~measured)
+    holes, count = label_pieces(~measured)
     if not count:
         return set()
-    beside = []
-    for own, hole in (
-        (labels[:, :-1], holes[:, 1:]),
-        (labels[:, 1:], holes[:, :-1]),
-        (labels[:-1], holes[1:]),
-        (labels[1:], holes[:-1]),
-    ):
-        at = (own > 0) & (hole > 0)
-        beside.append(hole[at].astype(np.int64) * (labels.max() + 1) + own[at])
-    key, pixels = np.unique(np.concatenate(beside), return_counts=True)
+    w, patches = labels.shape[1], int(labels.max()) + 1
+    right = np.flatnonzero((labels[:, :-1] > 0) & (holes[:, 1:] > 0))
+    left = np.flatnonzero((holes[:, :-1] > 0) & (labels[:, 1:] > 0))
+    right, left = (at + at // max(w - 1, 1) for at in (right, left))  # pixels, from their numbers in w − 1 columns
+    below = np.flatnonzero((labels[:-1] > 0) & (holes[1:] > 0))
+    above = np.flatnonzero((holes[:-1] > 0) & (labels[1:] > 0))
+    beside = labels.ravel()[np.concatenate([right, left + 1, below, above + w])]
+    hole_of = holes.ravel()[np.concatenate([right + 1, left, below + w, above])]
+    key, pixels = np.unique(hole_of.astype(np.int64) * patches + beside, return_counts=True)
     key = key[pixels >= LEAST_AT_HOLE]
     sizes = np.bincount(holes.ravel(), minlength=count + 1)
     at_hole: dict[int, list[int]] = {}
-    for hole, patch in zip((key // (labels.max() + 1)).tolist(), (key % (labels.max() + 1)).tolist(), strict=True):
+    for hole, patch in zip((key // patches).tolist(), (key % patches).tolist(), strict=True):
         if sizes[hole] < LARGE_HOLE * labels.size:
             at_hole.setdefault(hole, []).append(patch)
-    return {pair for patches in at_hole.values() for pair in combinations(sorted(patches), 2)} - _as_set(found)
+    return {pair for there in at_hole.values() for pair in combinations(sorted(there), 2)} - _as_set(found)
 
 
 def _as_set(found: Borders) -> set[tuple[int, int]]:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from grasping.segmentation import kernels
+from grasping.segmentation.pieces import label_pieces
 from grasping.segmentation.working_image import WorkingImage
 
 FloatArray = NDArray[np.float64]
@@ -49,15 +50,17 @@ def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Reli
     bend, noise = _bend(q - table, near)
     table = table + bend
     above = np.where(measured, q - table, np.float32(0))
-    mean = _mean_of_nine(np.clip(above, -0.02, 0.02), measured)
+    mean = mean_of_nine(np.clip(above, -0.02, 0.02), measured)
     of_table = mean[near & (np.abs(mean) < 4 * noise)]
     level = max(1.4826 * float(np.median(np.abs(of_table))), LEAST / 3) if len(of_table) else noise
     weak = measured & (mean > WEAK * level) & (above > OWN * noise) & (height > -NEAR)
-    together, count = ndimage.label(weak)
-    over = np.clip(mean / np.float32(level) - np.float32(WEAK), np.float32(0), np.float32(MOST))
-    enough = np.bincount(together.ravel(), over.ravel(), minlength=count + 1) >= LEAST_MASS
-    enough[0] = False
-    return Relief(above, table, noise, enough[together])
+    pieces, count = label_pieces(weak)
+    at = np.flatnonzero(weak)
+    piece = pieces.ravel()[at]
+    over = np.clip(mean.ravel()[at] / np.float32(level) - np.float32(WEAK), np.float32(0), np.float32(MOST))
+    enough = np.bincount(piece, over, minlength=count + 1) >= LEAST_MASS
+    weak.ravel()[at] = enough[piece]
+    return Relief(above, table, noise, weak)
 
 
 def _bend(above: Float32Array, near: NDArray[np.bool_]) -> tuple[Float32Array, float]:
@@ -67,11 +70,12 @@ def _bend(above: Float32Array, near: NDArray[np.bool_]) -> tuple[Float32Array, f
     down = np.linspace(-1, 1, h)[:, None] ** np.arange(ORDER + 1)
     powers = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
     row, column = np.nonzero(near[::EVERY, ::EVERY])
-    terms = np.stack([down[::EVERY][row, i] * across[::EVERY][column, j] for i, j in powers], axis=1)
+    of_row, of_column = np.array(powers).T
+    terms = down[::EVERY][:, of_row][row] * across[::EVERY][:, of_column][column]
     seen = above[::EVERY, ::EVERY][row, column].astype(np.float64)
     factors, limit = np.zeros(len(powers)), NEAR
+    left = seen
     for _ in range(6):
-        left = seen - terms @ factors
         inside = np.abs(left) < limit
         if np.count_nonzero(inside) < FEWEST:
             break
@@ -89,8 +93,22 @@ def _bend(above: Float32Array, near: NDArray[np.bool_]) -> tuple[Float32Array, f
     return np.zeros_like(above), NEAR / 6
 
 
-def _mean_of_nine(values: Float32Array, measured: NDArray[np.bool_]) -> Float32Array:
+def mean_of_nine(values: Float32Array, measured: NDArray[np.bool_]) -> Float32Array:
     """(h, w) the mean of the measured ones among a pixel and its eight neighbours."""
-    total = ndimage.uniform_filter(np.where(measured, values, np.float32(0)), 3, mode="constant")
-    share = ndimage.uniform_filter(measured.astype(np.float32), 3, mode="constant")
-    return np.asarray(total / np.maximum(share, np.float32(1e-3)))
+    if kernels.compiled is None:
+        return mean_of_nine_reference(values, measured)
+    mean = np.empty_like(values)
+    kernels.compiled.mean_of_nine(values, measured, mean)
+    return mean
+
+
+def mean_of_nine_reference(values: Float32Array, measured: NDArray[np.bool_]) -> Float32Array:
+    """`mean_of_nine` in NumPy."""
+    total = _sum_of_nine(np.where(measured, values, np.float32(0)))
+    return np.asarray(total / np.maximum(_sum_of_nine(measured.astype(np.float32)), np.float32(1)))
+
+
+def _sum_of_nine(values: Float32Array) -> Float32Array:
+    framed = np.pad(values, 1)
+    rows = framed[:-2] + framed[1:-1] + framed[2:]
+    return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])

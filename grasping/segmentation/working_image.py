@@ -53,12 +53,10 @@ class WorkingImage:
     def positions(self) -> Float32Array:
         """(h, w, 3) of the pixels' points from the viewpoint, m; 0 where nothing was measured."""
         h, w = self.shape
-        q = self.inverse_depth
-        depth = np.divide(np.float32(1), q, out=np.zeros_like(q), where=q > 0)
         rays = self.rays.astype(np.float32)
         along = np.arange(w, dtype=np.float32)[:, None] * rays[:, 0]
         down = np.arange(h, dtype=np.float32)[:, None] * rays[:, 1] + rays[:, 2]
-        return (along + down[:, None, :]) * depth[..., None]
+        return positions(self.inverse_depth, along, down)
 
 
 def organised_image(
@@ -69,7 +67,7 @@ def organised_image(
     block = max(1, int(np.ceil(np.sqrt(rows * columns / MOST_PIXELS))))
     rays = sight.rays()
     depth_of = np.linalg.inv(rays)[2]
-    q = _inverse_depths(points, valid, depth_of, sight.viewpoint)
+    q = inverse_depths(points, valid, depth_of, float(depth_of @ sight.viewpoint))
     h, w = rows // block, columns // block
     if block == 1:
         cells = np.arange(rows * columns, dtype=np.int32)
@@ -127,6 +125,46 @@ def loose_image(points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray
     return WorkingImage(image, axes.T @ to_flat, viewpoint, pitch, cells, own)
 
 
+def positions(inverse_depth: Float32Array, along: Float32Array, down: Float32Array) -> Float32Array:
+    """(h, w, 3), m, from what columns (w, 3) and rows (h, 3) add to the rays; 0 where nothing was measured."""
+    if kernels.compiled is None:
+        return positions_reference(inverse_depth, along, down)
+    found = np.empty((*inverse_depth.shape, 3), dtype=np.float32)
+    kernels.compiled.positions(np.ascontiguousarray(inverse_depth), along, down, found)
+    return found
+
+
+def positions_reference(inverse_depth: Float32Array, along: Float32Array, down: Float32Array) -> Float32Array:
+    """`positions` in NumPy."""
+    depth = np.divide(np.float32(1), inverse_depth, out=np.zeros_like(inverse_depth), where=inverse_depth > 0)
+    return (along + down[:, None, :]) * depth[..., None]
+
+
+def inverse_depths(
+    points: NDArray, valid: NDArray[np.bool_], depth_of: FloatArray, camera_depth: float
+) -> Float32Array:
+    """(N,) 1/m of points (N, 3) float32 or float64, at depth_of @ point − camera_depth; 0 where one is not valid."""
+    if kernels.compiled is None or points.dtype.char not in "fd":
+        return inverse_depths_reference(points, valid, depth_of, camera_depth)
+    q = np.empty(len(points), dtype=np.float32)
+    kernels.compiled.inverse_depths(np.ascontiguousarray(points), valid, *depth_of.tolist(), camera_depth, q)
+    return q
+
+
+def inverse_depths_reference(
+    points: NDArray, valid: NDArray[np.bool_], depth_of: FloatArray, camera_depth: float
+) -> Float32Array:
+    """`inverse_depths` in NumPy, in the points' own precision."""
+    along = depth_of.astype(points.dtype)
+    x, y, z = points.T
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = along[0] * x + along[1] * y + along[2] * z
+        depth -= points.dtype.type(camera_depth)
+    q = np.zeros(len(points), dtype=np.float32)
+    np.divide(1.0, depth, out=q, where=valid & (depth > 1e-6), casting="same_kind")
+    return q
+
+
 def reduce_blocks(q: Float32Array, block: int) -> Float32Array:
     """(H // block, W // block): the mean of what lies about each block's median; 0 where half was not measured."""
     if kernels.compiled is not None:
@@ -151,20 +189,6 @@ def reduce_blocks_reference(q: Float32Array, block: int) -> Float32Array:
         count += near[:, column]
     mean = total / np.maximum(count, np.float32(1))
     return np.where(2 * measured >= block * block, mean, np.float32(0)).reshape(h, w)
-
-
-def _inverse_depths(
-    points: NDArray, valid: NDArray[np.bool_], depth_of: FloatArray, viewpoint: FloatArray
-) -> Float32Array:
-    """(N,) 1/m along the rays; 0 where a point is not valid."""
-    along = depth_of.astype(points.dtype)
-    x, y, z = points.T
-    with np.errstate(over="ignore", invalid="ignore"):
-        depth = along[0] * x + along[1] * y + along[2] * z
-        depth -= points.dtype.type(depth_of @ viewpoint)
-    q = np.zeros(len(points), dtype=np.float32)
-    np.divide(1.0, depth, out=q, where=valid & (depth > 1e-6), casting="same_kind")
-    return q
 
 
 def _density(flat: FloatArray) -> float:

@@ -88,7 +88,7 @@ def main(arguments: list[str]) -> int:
         return 0 if renders else 1
     print(f"Python   {platform.python_version()} on {platform.platform()}")
     print("Packages " + ", ".join(f"{name} {version}" for name, version in package_versions().items()))
-    print("Planner  " + ("compiled kernels" if grasping.compiled else "NumPy alone: no kernels were compiled"))
+    print("Grasping " + ("compiled kernels" if grasping.compiled else "NumPy alone: no kernels were compiled"))
     print("Drivers  " + (", ".join(vulkan_driver_files()) or "no Vulkan driver manifest found"))
     print("GPU      " + ("nvidia-smi is there" if shutil.which("nvidia-smi") else "no nvidia-smi: physics on the CPU"))
     if renders:

@@ -3,7 +3,7 @@
 #include "segmentation.h"
 
 /* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
-#define INTERFACE 1
+#define INTERFACE 2
 
 #define INT32 "il"
 #define INT64 "lq"
@@ -75,6 +75,134 @@ static PyObject *reduce(PyObject *self, PyObject *arguments)
             Py_END_ALLOW_THREADS
             answer = code ? failure(code) : Py_NewRef(Py_None);
         }
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *place(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *inverse_depth, *along, *down, *positions, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOOO", &inverse_depth, &along, &down, &positions))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w;
+    const float *q, *columns, *rows;
+    float *out;
+    if ((q = image(&arrays, inverse_depth, "inverse_depth", &h, &w)) &&
+        (columns = items(&arrays, along, "along", "f", w, 3, 0, 0)) &&
+        (rows = items(&arrays, down, "down", "f", h, 3, 0, 0)) &&
+        (out = items(&arrays, positions, "positions", "f", h, w, 3, 1))) {
+        Py_BEGIN_ALLOW_THREADS
+        find_positions(q, h, w, columns, rows, out);
+        Py_END_ALLOW_THREADS
+        answer = Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *invert(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *points, *valid, *inverse_depth, *answer = NULL;
+    double towards[4];
+    if (!PyArg_ParseTuple(arguments, "OOddddO", &points, &valid, &towards[0], &towards[1], &towards[2], &towards[3],
+                          &inverse_depth))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_buffer *from;
+    const unsigned char *is;
+    float *out;
+    if ((from = array_argument(&arrays, points, "points", "fd", 2, 1, 3, 0)) &&
+        (is = items(&arrays, valid, "valid", "?", from->shape[0], 0, 0, 0)) &&
+        (out = items(&arrays, inverse_depth, "inverse_depth", "f", from->shape[0], 0, 0, 1))) {
+        Py_BEGIN_ALLOW_THREADS
+        invert_depths(from->buf, from->format[0] == 'd', is, from->shape[0], towards, out);
+        Py_END_ALLOW_THREADS
+        answer = Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *average(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *values, *measured, *mean, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOO", &values, &measured, &mean))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w;
+    const float *from;
+    const unsigned char *is;
+    float *out;
+    if ((from = image(&arrays, values, "values", &h, &w)) &&
+        (is = items(&arrays, measured, "measured", "?", h, w, 0, 0)) &&
+        (out = items(&arrays, mean, "mean", "f", h, w, 0, 1))) {
+        int code;
+        Py_BEGIN_ALLOW_THREADS
+        code = mean_of_nine(from, is, h, w, out);
+        Py_END_ALLOW_THREADS
+        answer = code ? failure(code) : Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
+/* The number of pixels must fit into int32, as labels do. */
+static int32_t *labels_of(Arrays *arrays, PyObject *from, Py_ssize_t *h, Py_ssize_t *w, int writable)
+{
+    Py_buffer *view = array_argument(arrays, from, "labels", INT32, 2, 0, -1, writable);
+    if (!view)
+        return NULL;
+    *h = view->shape[0];
+    *w = view->shape[1];
+    if (*h >= 1 && *w >= 1 && *h <= INT32_MAX / *w)
+        return view->buf;
+    PyErr_SetString(PyExc_ValueError, "labels: no pixels, or too many");
+    return NULL;
+}
+
+static PyObject *pieces(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *mask, *labels, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OO", &mask, &labels))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w;
+    const unsigned char *is;
+    int32_t *out;
+    if ((out = labels_of(&arrays, labels, &h, &w, 1)) && (is = items(&arrays, mask, "mask", "?", h, w, 0, 0))) {
+        ptrdiff_t count;
+        Py_BEGIN_ALLOW_THREADS
+        count = label_pieces(is, h, w, out);
+        Py_END_ALLOW_THREADS
+        answer = count < 0 ? failure(count) : PyLong_FromSsize_t(count);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *borders(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *labels, *unknown, *steps, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOO", &labels, &unknown, &steps))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t h, w;
+    const int32_t *from;
+    const unsigned char *is;
+    unsigned char *out;
+    if ((from = labels_of(&arrays, labels, &h, &w, 0)) && (is = items(&arrays, unknown, "unknown", "?", h, w, 0, 0)) &&
+        (out = items(&arrays, steps, "steps", "B", 2, h, w, 1))) {
+        Py_BEGIN_ALLOW_THREADS
+        steps_to_borders(from, is, h, w, out);
+        Py_END_ALLOW_THREADS
+        answer = Py_NewRef(Py_None);
     }
     release(&arrays);
     return answer;
@@ -268,6 +396,11 @@ static PyObject *group(PyObject *self, PyObject *arguments)
 }
 
 static PyMethodDef methods[] = {
+    {"positions", place, METH_VARARGS, "See working_image.positions: fills `positions`."},
+    {"inverse_depths", invert, METH_VARARGS, "See working_image.inverse_depths: fills `inverse_depth`."},
+    {"mean_of_nine", average, METH_VARARGS, "See table_relief.mean_of_nine: fills `mean`."},
+    {"label_pieces", pieces, METH_VARARGS, "See pieces.label_pieces: fills `labels`, returns the number."},
+    {"steps_to_borders", borders, METH_VARARGS, "See patch_pairs.steps_to_borders: fills `steps`."},
     {"reduce_blocks", reduce, METH_VARARGS, "See working_image.reduce_blocks: fills `reduced`."},
     {"fit_surfaces", fit, METH_VARARGS, "See surface_fits.fit_surfaces: fills what was asked for."},
     {"edges", edges, METH_VARARGS, "See surface_patches.edges: fills what was asked for."},

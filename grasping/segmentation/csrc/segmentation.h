@@ -17,8 +17,22 @@
 static inline float maximum(float a, float b) { return (a >= b) | (a != a) ? a : b; }
 static inline float minimum(float a, float b) { return (a <= b) | (a != a) ? a : b; }
 
+/* The points of the pixels, h × w × 3, of whose rays `along` (w × 3) and `down` (h × 3) are the parts. */
+void find_positions(const float *q, ptrdiff_t h, ptrdiff_t w, const float *along, const float *down, float *positions);
+
+/* 1 / depth of points (count × 3) of double precision (`wide`) or single. towards: depth is its first three · point less
+ * the fourth. */
+void invert_depths(const void *points, int wide, const unsigned char *valid, ptrdiff_t count, const double towards[4],
+                   float *q);
+
 /* Means of what lies about the median of block × block pixels. out: (h / block) × (w / block). */
 int reduce_blocks(const float *q, ptrdiff_t h, ptrdiff_t w, ptrdiff_t block, float *out);
+
+/* The mean of the measured ones among each pixel and its eight neighbours. */
+int mean_of_nine(const float *values, const unsigned char *measured, ptrdiff_t h, ptrdiff_t w, float *mean);
+
+/* Fills `labels`; returns their number. */
+ptrdiff_t label_pieces(const unsigned char *mask, ptrdiff_t h, ptrdiff_t w, int32_t *labels);
 
 /* Planes about the asked-for pixels. to_frame: 3 × 3, from a plane's terms to its normal. slopes: h × w × 2, normals:
  * h × w × 3. Only what was asked for is written. */
@@ -34,6 +48,9 @@ ptrdiff_t grow_patches(const float *edge, const float *fitted, ptrdiff_t h, ptrd
 
 /* Changes `labels` from 0 … count; returns the number that is left. */
 ptrdiff_t merge_patches(const float *edge, ptrdiff_t h, ptrdiff_t w, int32_t *labels, ptrdiff_t count);
+
+/* steps: 2 × h × w, along the rows and down the columns. */
+void steps_to_borders(const int32_t *labels, const unsigned char *unknown, ptrdiff_t h, ptrdiff_t w, unsigned char *steps);
 
 /* What `measure_patches` adds up, and over what. */
 typedef struct {

@@ -10,14 +10,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from grasping.segmentation import kernels
 from grasping.segmentation.boosted_trees import BoostedTrees
 from grasping.segmentation.correlation_clustering import cluster_reference
 from grasping.segmentation.patch_measures import BINS, SIDES, SUMS, sums_reference
+from grasping.segmentation.patch_pairs import steps_to_borders, steps_to_borders_reference
+from grasping.segmentation.pieces import label_pieces
 from grasping.segmentation.surface_fits import SurfaceFits, fit_surfaces_reference
 from grasping.segmentation.surface_patches import edges_reference, grow_patches_reference, merge_patches_reference
-from grasping.segmentation.working_image import reduce_blocks_reference
+from grasping.segmentation.table_relief import mean_of_nine, mean_of_nine_reference
+from grasping.segmentation.working_image import (
+    inverse_depths,
+    inverse_depths_reference,
+    positions,
+    positions_reference,
+    reduce_blocks_reference,
+)
 
 compiled: Any = kernels.compiled
 pytestmark = pytest.mark.skipif(compiled is None, reason="this installation has no compiled kernels")
@@ -76,9 +86,9 @@ def positions_of(q: Any) -> Any:
     return np.stack([(column * 0.002 - 0.08) * depth, (row * 0.002 - 0.05) * depth, depth], axis=-1).astype(np.float32)
 
 
-def edges_of(fits: SurfaceFits, positions: Any, asked: Any) -> Any:
+def edges_of(fits: SurfaceFits, places: Any, asked: Any) -> Any:
     edge = np.full(fits.inverse_depth.shape, np.inf, dtype=np.float32)
-    compiled.edges(fits.inverse_depth, fits.slopes, fits.normals, positions, asked, edge)
+    compiled.edges(fits.inverse_depth, fits.slopes, fits.normals, places, asked, edge)
     return edge
 
 
@@ -91,7 +101,39 @@ def random_edges(random: np.random.Generator, shape: tuple[int, int]) -> Any:
     return edge.astype(np.float32)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
+@given(seeds, shapes, st.sampled_from([np.float32, np.float64]))
+def test_points_and_inverse_depths_are_alike(random: np.random.Generator, shape: tuple[int, int], dtype: Any) -> None:
+    q = scene(random, shape)
+    along, down = blank((shape[1],), 3), blank((shape[0],), 3)
+    along[:], down[:] = random.normal(size=along.shape), random.normal(size=down.shape)
+    same(positions(q, along, down), positions_reference(q, along, down))
+    points = random.normal(0, 1, (q.size, 3)).astype(dtype)
+    points[random.random(q.size) < 0.1] = random.choice([np.nan, np.inf, 0])
+    arguments = (points, random.random(q.size) < 0.9, random.normal(size=3), random.normal(0, 0.1))
+    same(inverse_depths(*arguments), inverse_depths_reference(*arguments))
+
+
+@settings(deadline=None, max_examples=30)
+@given(seeds, shapes)
+def test_means_and_pieces_are_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
+    values, mask = scene(random, shape), random.random(shape) < random.choice([0, 0.3, 0.6, 1])
+    same(mean_of_nine(values, mask), mean_of_nine_reference(values, mask))
+    labels, count = label_pieces(mask)
+    expected, number = ndimage.label(mask)
+    assert count == number
+    same(labels, expected)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seeds, shapes)
+def test_borders_are_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
+    labels = random.integers(0, 5, shape).astype(np.int32) * (random.random(shape) < random.uniform(0, 1))
+    unknown = random.random(shape) < 0.8
+    same(steps_to_borders(labels, unknown), steps_to_borders_reference(labels, unknown))
+
+
+@settings(deadline=None, max_examples=30)
 @given(seeds, shapes, st.integers(1, 5))
 def test_blocks_are_reduced_alike(random: np.random.Generator, shape: tuple[int, int], block: int) -> None:
     q = scene(random, (shape[0] + block, shape[1] + block))
@@ -100,7 +142,7 @@ def test_blocks_are_reduced_alike(random: np.random.Generator, shape: tuple[int,
     same(reduced, reduce_blocks_reference(q, block))
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=50)
 @given(seeds, shapes)
 def test_surfaces_and_edges_are_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
     q = scene(random, shape)
@@ -109,13 +151,13 @@ def test_surfaces_and_edges_are_alike(random: np.random.Generator, shape: tuple[
     same(fits.inverse_depth, reference.inverse_depth)
     same(fits.slopes, reference.slopes)
     same(fits.normals, reference.normals)
-    positions = positions_of(q)
+    places = positions_of(q)
     expected = np.full(q.size, np.inf, dtype=np.float32)
-    expected[asked] = edges_reference(fits.inverse_depth, fits.slopes, fits.normals, positions, asked)
-    same(edges_of(fits, positions, asked).ravel(), expected)
+    expected[asked] = edges_reference(fits.inverse_depth, fits.slopes, fits.normals, places, asked)
+    same(edges_of(fits, places, asked).ravel(), expected)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=50)
 @given(seeds, shapes)
 def test_patches_grow_and_merge_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
     if random.random() < 0.5:
@@ -136,7 +178,7 @@ def test_patches_grow_and_merge_alike(random: np.random.Generator, shape: tuple[
     same(labels, expected)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(seeds, shapes)
 def test_scattered_labels_merge_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
     count = int(random.integers(0, min(30, shape[0] * shape[1]) + 1))
@@ -147,15 +189,15 @@ def test_scattered_labels_merge_alike(random: np.random.Generator, shape: tuple[
     same(labels, expected)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(seeds, shapes)
 def test_patches_are_measured_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
-    q, positions, normals = scene(random, shape), random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))
+    q = scene(random, shape)
     count = int(random.integers(0, 9))
     labels = random.integers(0, count + 1, shape).astype(np.int32) * (q > 0)
     height = random.normal(0.1, 0.3, shape)
     height[random.random(shape) < 0.2] = random.choice([np.nan, np.inf, 1e30, -1e30])
-    arrays = [positions, normals, random_edges(random, shape), height]
+    arrays = [random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3)), random_edges(random, shape), height]
     places, towards, edge, heights = (array.astype(np.float32) for array in arrays)
     table = random.random(shape) < 0.3
     arguments = (q, towards, places, labels, edge, heights, table, 0.002)
@@ -192,7 +234,7 @@ def random_trees(random: np.random.Generator, features: int, trees: int, depth: 
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(seeds, st.integers(0, 50), st.integers(1, 20))
 def test_trees_answer_alike_also_where_a_feature_is_not_known(
     random: np.random.Generator, rows: int, trees: int
@@ -203,7 +245,7 @@ def test_trees_answer_alike_also_where_a_feature_is_not_known(
     same(model.log_odds(features), model.log_odds_reference(features))
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=50)
 @given(seeds, st.integers(1, 40))
 def test_nodes_are_clustered_alike(random: np.random.Generator, count: int) -> None:
     first, second = np.nonzero(np.triu(random.random((count, count)) < random.choice([0.1, 0.5, 1]), 1))
@@ -225,15 +267,16 @@ def test_no_number_hangs_or_crashes_the_kernels(value: float) -> None:
     asked = np.arange(q.size)
     reduced = blank((10, 13))
     compiled.reduce_blocks(q, 3, reduced)
-    fits, positions = fits_of(q, asked), positions_of(q)
-    positions[random.random(q.shape) < 0.1] = value
-    edge = edges_of(fits, positions, asked)
+    fits, places = fits_of(q, asked), positions_of(q)
+    places[random.random(q.shape) < 0.1] = value
+    mean_of_nine(q, q > 0)
+    edge = edges_of(fits, places, asked)
     edge[random.random(q.shape) < 0.1] = value
     labels = np.zeros(q.shape, dtype=np.int32)
     count = compiled.grow_patches(edge, fits.inverse_depth, labels)
     count = compiled.merge_patches(np.where(edge < 1, edge, np.float32(value)), labels, count)
     sums = [np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)]
-    compiled.measure_patches(q, fits.normals, positions, labels, edge, q, q > 0, value, *sums)
+    compiled.measure_patches(q, fits.normals, places, labels, edge, q, q > 0, value, *sums)
     first, second = np.triu_indices(20, 1)
     agreement = random.normal(size=len(first))
     agreement[::3] = value
@@ -249,13 +292,19 @@ def calls() -> dict[str, list[Any]]:
     trees = random_trees(np.random.default_rng(1), 3, 2, 4)
     nodes = [trees.feature, trees.threshold, trees.left, trees.right, trees.missing_left, trees.value, trees.start]
     sums = [np.zeros((2, width)) for width in (SUMS, BINS, SIDES)]
+    mask = np.ones(shape, dtype=bool)
     return {
+        "positions": [one, blank((10,), 3), blank((8,), 3), three],
+        "inverse_depths": [blank((20,), 3), np.ones(20, dtype=bool), 0.0, 0.0, 1.0, 0.0, blank((20,))],
+        "mean_of_nine": [one, mask, one.copy()],
+        "label_pieces": [mask, labels],
+        "steps_to_borders": [labels, mask, np.zeros((2, *shape), dtype=np.uint8)],
         "reduce_blocks": [one, 2, blank((4, 5))],
         "fit_surfaces": [one, asked, TO_FRAME, one.copy(), blank(shape, 2), three],
         "edges": [one, blank(shape, 2), three, three.copy(), asked, edge],
         "grow_patches": [edge, one, labels],
         "merge_patches": [edge, labels, 1],
-        "measure_patches": [one, three, three, labels, edge, one, np.zeros(shape, dtype=bool), 0.002, *sums],
+        "measure_patches": [one, three, three, labels, edge, one, mask, 0.002, *sums],
         "add_trees": [*nodes, blank((4, 3)), np.zeros(4)],
         "cluster": [np.array([0, 1]), np.array([1, 2]), np.array([1.0, -1.0]), np.zeros(3, dtype=np.int64)],
     }

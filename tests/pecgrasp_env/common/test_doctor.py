@@ -13,7 +13,7 @@ def test_it_reports_what_the_environment_stands_on_and_that_it_renders(capsys):
     assert "Renders  yes" in report
     for package in ("mani-skill", "sapien", "torch"):
         assert f"{package} {importlib.metadata.version(package)}" in report
-    assert {line.split()[0] for line in report.splitlines()} >= {"Python", "Packages", "Planner", "Drivers", "GPU"}
+    assert {line.split()[0] for line in report.splitlines()} >= {"Python", "Packages", "Grasping", "Drivers", "GPU"}
 
 
 def test_quiet_prints_nothing(capsys):
