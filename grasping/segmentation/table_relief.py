@@ -7,6 +7,7 @@ takes that off, and what is left is the noise, from which flat things then stand
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ Float32Array = NDArray[np.float32]
 
 NEAR = 0.02  # m from the plane, within which a pixel may be the table's
 ORDER = 3  # of the surface that bends the plane
+POWERS = tuple((i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i))  # of row and column
 EVERY = 6  # pixels along rows and columns, of which one says how the table bends
 LEAST = 0.0012  # 1/m: of the noise; a perfect sensor's is not taken at its word
 FEWEST = 100  # pixels of the table that say how it bends
@@ -51,7 +53,7 @@ def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Reli
     table = table + bend
     above = np.where(measured, q - table, np.float32(0))
     mean = mean_of_nine(np.clip(above, -0.02, 0.02), measured)
-    of_table = mean[near & (np.abs(mean) < 4 * noise)]
+    of_table = mean.ravel().take(np.flatnonzero(near & (np.abs(mean) < 4 * noise)))
     level = max(1.4826 * float(np.median(np.abs(of_table))), LEAST / 3) if len(of_table) else noise
     weak = measured & (mean > WEAK * level) & (above > OWN * noise) & (height > -NEAR)
     pieces, count = label_pieces(weak)
@@ -66,31 +68,40 @@ def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Reli
 def _bend(above: Float32Array, near: NDArray[np.bool_]) -> tuple[Float32Array, float]:
     """(h, w) by how much the table is nearer than its plane, 1/m, smoothly, and the σ of what is left."""
     h, w = above.shape
-    across = np.linspace(-1, 1, w)[:, None] ** np.arange(ORDER + 1)
-    down = np.linspace(-1, 1, h)[:, None] ** np.arange(ORDER + 1)
-    powers = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
-    row, column = np.nonzero(near[::EVERY, ::EVERY])
-    of_row, of_column = np.array(powers).T
-    terms = down[::EVERY][:, of_row][row] * across[::EVERY][:, of_column][column]
-    seen = above[::EVERY, ::EVERY][row, column].astype(np.float64)
-    factors, limit = np.zeros(len(powers)), NEAR
+    across, down, every_term = _terms(h, w)
+    at = np.flatnonzero(near[::EVERY, ::EVERY])
+    terms = every_term.take(at, axis=0)
+    seen = above[::EVERY, ::EVERY].ravel()[at].astype(np.float64)
+    factors, limit = np.zeros(len(POWERS)), NEAR
     left = seen
     for _ in range(6):
-        inside = np.abs(left) < limit
-        if np.count_nonzero(inside) < FEWEST:
+        inside = np.flatnonzero(np.abs(left) < limit)
+        if len(inside) < FEWEST:
             break
-        used = terms[inside]
+        used = terms.take(inside, axis=0)
         # A little of a ridge: where no table is seen nothing is claimed.
-        normal = used.T @ used + 1e-4 * len(used) * np.eye(len(powers))
+        normal = used.T @ used + 1e-4 * len(used) * np.eye(len(POWERS))
         factors = np.linalg.solve(normal, used.T @ seen[inside])
         left = seen - terms @ factors
         limit = max(3 * 1.4826 * float(np.median(np.abs(left[inside]))), 3 * LEAST)
     else:
         grid = np.zeros((ORDER + 1, ORDER + 1))
-        for (i, j), factor in zip(powers, factors, strict=True):
+        for (i, j), factor in zip(POWERS, factors, strict=True):
             grid[i, j] = factor
         return (down.astype(np.float32) @ (grid @ across.T).astype(np.float32)), limit / 3
     return np.zeros_like(above), NEAR / 6
+
+
+@lru_cache(maxsize=4)
+def _terms(h: int, w: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Powers (w, 4) of columns, and (h, 4) of rows, from −1 to 1; and the surface's terms (K, 10) at each `EVERY`-th
+    pixel of both.
+    """
+    across = np.linspace(-1, 1, w)[:, None] ** np.arange(ORDER + 1)
+    down = np.linspace(-1, 1, h)[:, None] ** np.arange(ORDER + 1)
+    of_row, of_column = np.array(POWERS).T
+    terms = down[::EVERY, None, of_row] * across[None, ::EVERY, of_column]
+    return across, down, np.ascontiguousarray(terms.reshape(-1, len(POWERS)))
 
 
 def mean_of_nine(values: Float32Array, measured: NDArray[np.bool_]) -> Float32Array:

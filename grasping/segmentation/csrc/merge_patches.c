@@ -14,62 +14,80 @@ static double smoothest(const Edge *edge)
     return mean <= SMOOTH ? mean : NAN;
 }
 
-/* Two pixels of different patches that adjoin: the higher patch, and how much of an edge is between them. */
+/* A pixel with one of another patch beside it: the higher of the two, and how much of an edge is between them. */
 typedef struct {
     int32_t other;
     float value;
 } Border;
 
-/* Borders by their lower patch: those of patch i are from start[i] to start[i + 1]; each patch's as they are met, along
- * the rows first, then down the columns. */
+/* Those of patch i, the lower one, are from start[i] to start[i + 1]: along the rows first, then down the columns. */
 typedef struct {
     Border *borders;
     ptrdiff_t *start;
 } Borders;
 
-/* Count (borders is NULL) or file those between each pixel and the next one in its row, or `down` its column. */
-static void file_borders(const float *edge, const int32_t *labels, ptrdiff_t h, ptrdiff_t w, int down, Borders *filed)
+/* The pixels that have another patch to the right, and those that have one below. */
+typedef struct {
+    ptrdiff_t *pixels[2], count[2], step[2];
+} Meetings;
+
+static int find_meetings(const int32_t *labels, ptrdiff_t h, ptrdiff_t w, ptrdiff_t patches, Meetings *found)
 {
-    const ptrdiff_t rows = down ? h - 1 : h, columns = down ? w : w - 1, step = down ? w : 1;
-    for (ptrdiff_t row = 0; row < rows; row++)
-        for (ptrdiff_t pixel = row * w; pixel < row * w + columns; pixel++) {
-            const int32_t one = labels[pixel], other = labels[pixel + step];
-            if (one == other || one == 0 || other == 0)
+    for (ptrdiff_t row = 0; row < h; row++)
+        for (ptrdiff_t pixel = row * w; pixel < (row + 1) * w; pixel++) {
+            const int32_t own = labels[pixel];
+            if (!own)
                 continue;
-            const int32_t low = one < other ? one : other;
-            if (filed->borders) {
-                Border *border = &filed->borders[filed->start[low]];
-                border->other = one < other ? other : one;
-                border->value = minimum(maximum(edge[pixel], edge[pixel + step]), MOST_EDGE);
+            if (own < 0 || own > patches)
+                return OUT_OF_RANGE;
+            for (int down = 0; down < 2; down++) {
+                if (down ? row == h - 1 : pixel == row * w + w - 1)
+                    continue;
+                const int32_t other = labels[pixel + found->step[down]];
+                if (other && other != own)
+                    found->pixels[down][found->count[down]++] = pixel;
             }
-            filed->start[low]++;
         }
+    return 0;
 }
 
-/* Count, then file. */
-static int find_borders(const float *edge, const int32_t *labels, ptrdiff_t h, ptrdiff_t w, ptrdiff_t count, Borders *filed)
+static int file_borders(const float *edge, const int32_t *labels, ptrdiff_t patches, const Meetings *found, Borders *filed)
 {
-    filed->borders = NULL;
-    filed->start = calloc((size_t)count + 2, sizeof(ptrdiff_t));
-    if (!filed->start)
+    filed->start = calloc((size_t)patches + 3, sizeof(ptrdiff_t));
+    filed->borders = malloc((size_t)(found->count[0] + found->count[1] + 1) * sizeof(Border));
+    if (!filed->start || !filed->borders)
         return OUT_OF_MEMORY;
-    file_borders(edge, labels, h, w, 0, filed);
-    file_borders(edge, labels, h, w, 1, filed);
-    ptrdiff_t sum = 0;
-    for (ptrdiff_t i = 0; i <= count + 1; i++) {
-        const ptrdiff_t number = filed->start[i];
-        filed->start[i] = sum;
-        sum += number;
+    ptrdiff_t *next = filed->start + 1; /* of each patch, where its next border goes: at last, where they end */
+    for (int filing = 0; filing < 2; filing++) {
+        for (int down = 0; down < 2; down++)
+            for (ptrdiff_t i = 0; i < found->count[down]; i++) {
+                const ptrdiff_t pixel = found->pixels[down][i], beside = pixel + found->step[down];
+                const int32_t own = labels[pixel], other = labels[beside], low = own < other ? own : other;
+                if (filing) {
+                    Border *border = &filed->borders[next[low]++];
+                    border->other = own < other ? other : own;
+                    border->value = minimum(maximum(edge[pixel], edge[beside]), MOST_EDGE);
+                } else {
+                    next[low + 1]++;
+                }
+            }
+        for (ptrdiff_t i = 0; i <= patches && !filing; i++)
+            next[i + 1] += next[i];
     }
-    filed->borders = malloc((size_t)(sum + 1) * sizeof(Border));
-    if (!filed->borders)
-        return OUT_OF_MEMORY;
-    file_borders(edge, labels, h, w, 0, filed);
-    file_borders(edge, labels, h, w, 1, filed);
-    for (ptrdiff_t i = count + 1; i > 0; i--) /* each start has moved to the next one's */
-        filed->start[i] = filed->start[i - 1];
-    filed->start[0] = 0;
     return 0;
+}
+
+static int find_borders(const float *edge, const int32_t *labels, ptrdiff_t h, ptrdiff_t w, ptrdiff_t patches, Borders *filed)
+{
+    ptrdiff_t *pixels = malloc((size_t)(2 * h * w) * sizeof(*pixels));
+    if (!pixels)
+        return OUT_OF_MEMORY;
+    Meetings found = {.pixels = {pixels, pixels + h * w}, .step = {1, w}};
+    int code = find_meetings(labels, h, w, patches, &found);
+    if (!code)
+        code = file_borders(edge, labels, patches, &found, filed);
+    free(pixels);
+    return code;
 }
 
 /* An edge for each two patches that adjoin, with the sum over their border. */
@@ -100,16 +118,14 @@ static ptrdiff_t renumber(Graph *graph, int32_t *labels, ptrdiff_t pixels)
     for (ptrdiff_t i = 1; i < graph->nodes; i++) /* a parent has the lower number */
         number[i] = graph->parent[i] == i ? ++left : number[graph->parent[i]];
     for (ptrdiff_t pixel = 0; pixel < pixels; pixel++)
-        labels[pixel] = (int32_t)number[labels[pixel]];
+        if (labels[pixel])
+            labels[pixel] = (int32_t)number[labels[pixel]];
     return left;
 }
 
 ptrdiff_t merge_patches(const float *edge, ptrdiff_t h, ptrdiff_t w, int32_t *labels, ptrdiff_t count)
 {
-    for (ptrdiff_t pixel = 0; pixel < h * w; pixel++)
-        if (labels[pixel] < 0 || labels[pixel] > count)
-            return OUT_OF_RANGE;
-    Borders filed;
+    Borders filed = {NULL, NULL};
     ptrdiff_t code = find_borders(edge, labels, h, w, count, &filed);
     if (!code) {
         Graph graph;
