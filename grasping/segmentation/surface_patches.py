@@ -122,8 +122,8 @@ def _grow(labels: Labels, open_: NDArray[np.bool_], inverse_depth: Float32Array)
     steps = [row * (w + 2) + column for row, column in NEIGHBOURS]
     front = np.flatnonzero(flat > 0)
     while len(front):
-        beside = np.unique(np.concatenate([front + step for step in steps]))
-        beside = beside[free[beside]]
+        beside = np.concatenate([front + step for step in steps])
+        beside = np.unique(beside[free[beside]])
         taken = np.zeros(len(beside), dtype=np.int32)
         for step in steps:
             near = (taken == 0) & (np.abs(depth[beside + step] - depth[beside]) < np.float32(CONTINUOUS))

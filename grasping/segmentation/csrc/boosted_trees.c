@@ -1,7 +1,6 @@
 /* See boosted_trees.BoostedTrees.log_odds: what the trees say of a few rows at a time, one tree after the other. */
 #include "segmentation.h"
 
-#include <math.h>
 #include <stdlib.h>
 
 enum { LANES = 8 }; /* rows that are dealt with side by side: a step waits for memory */

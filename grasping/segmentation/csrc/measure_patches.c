@@ -7,29 +7,29 @@ enum { POWERS = 5 };
 #define BIN_PER_M 500.0f /* BINS / TALLEST */
 #define LOW 0.012f
 
-/* What a pixel adds to its patch's sums, in the order of SUMS. */
-static void weigh(const Measured *image, ptrdiff_t pixel, const double across[POWERS], const double down[POWERS],
-                  double values[SUMS])
+/* Add a pixel to its patch's sums. */
+static void add_pixel(const Measured *image, ptrdiff_t pixel, const double across[POWERS], const double down[POWERS],
+                      double *restrict sum)
 {
     static const int column[6] = {0, 1, 0, 2, 1, 0}, row[6] = {0, 0, 1, 0, 1, 2};
     const double q = image->inverse_depth[pixel], edge = image->edge[pixel];
-    double *value = values, place[3];
-    *value++ = 1.0;
+    double place[3];
+    *sum++ += 1.0;
     for (int i = 0; i < POWERS; i++)
         for (int j = 0; j < POWERS - i; j++)
-            *value++ = across[i] * down[j];
+            *sum++ += across[i] * down[j];
     for (int k = 0; k < 6; k++)
-        *value++ = across[column[k]] * down[row[k]] * q;
-    *value++ = q * q;
+        *sum++ += across[column[k]] * down[row[k]] * q;
+    *sum++ += q * q;
     for (int k = 0; k < 3; k++)
-        *value++ = place[k] = image->positions[3 * pixel + k];
+        *sum++ += place[k] = image->positions[3 * pixel + k];
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
-            *value++ = place[i] * place[j];
+            *sum++ += place[i] * place[j];
     for (int k = 0; k < 3; k++)
-        *value++ = image->normals[3 * pixel + k];
-    *value++ = image->pixel * image->pixel / (q * q);
-    *value++ = edge > 2.0 ? 2.0 : edge;
+        *sum++ += image->normals[3 * pixel + k];
+    *sum++ += image->pixel * image->pixel / (q * q);
+    *sum++ += edge > 2.0 ? 2.0 : edge;
 }
 
 /* Count a side of a pixel by what it is beside. pixel: that, −1 outside of the image. */
@@ -62,7 +62,7 @@ int measure_patches(const Measured *image, ptrdiff_t count, double *sums, double
 {
     const ptrdiff_t h = image->h, w = image->w;
     for (ptrdiff_t row = 0; row < h; row++) {
-        double down[POWERS], across[POWERS], values[SUMS];
+        double down[POWERS], across[POWERS];
         raise(((double)row - (double)(h - 1) / 2.0) * image->pixel, down);
         for (ptrdiff_t column = 0; column < w; column++) {
             const ptrdiff_t pixel = row * w + column;
@@ -72,10 +72,8 @@ int measure_patches(const Measured *image, ptrdiff_t count, double *sums, double
             if (own < 0 || own >= count)
                 return OUT_OF_RANGE;
             raise(((double)column - (double)(w - 1) / 2.0) * image->pixel, across);
-            weigh(image, pixel, across, down, values);
-            double *sum = sums + SUMS * (ptrdiff_t)own, *side = sides + SIDES * (ptrdiff_t)own;
-            for (int k = 0; k < SUMS; k++)
-                sum[k] += values[k];
+            add_pixel(image, pixel, across, down, sums + SUMS * (ptrdiff_t)own);
+            double *side = sides + SIDES * (ptrdiff_t)own;
             const float height = image->height[pixel];
             if (isfinite(height)) {
                 const float bin = height * BIN_PER_M;

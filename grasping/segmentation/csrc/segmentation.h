@@ -9,6 +9,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #define OUT_OF_MEMORY (-1)
 #define OUT_OF_RANGE (-2)
@@ -16,6 +17,17 @@
 /* NumPy's: NaN if either is. */
 static inline float maximum(float a, float b) { return (a >= b) | (a != a) ? a : b; }
 static inline float minimum(float a, float b) { return (a <= b) | (a != a) ? a : b; }
+
+/* The first number where all bits of `mask` are set, the second where none is: without a branch, in whatever loop. */
+static inline float choose(int mask, float a, float b)
+{
+    int32_t bits, others;
+    memcpy(&bits, &a, sizeof(bits));
+    memcpy(&others, &b, sizeof(others));
+    bits = (bits & mask) | (others & ~mask);
+    memcpy(&a, &bits, sizeof(bits));
+    return a;
+}
 
 /* The points of the pixels, h × w × 3, of whose rays `along` (w × 3) and `down` (h × 3) are the parts. */
 void find_positions(const float *q, ptrdiff_t h, ptrdiff_t w, const float *along, const float *down, float *positions);

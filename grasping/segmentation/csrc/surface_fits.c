@@ -21,16 +21,6 @@ typedef struct {
     float along_c[LANES], along_r[LANES], middle[LANES];
 } Planes;
 
-/* The number where all bits of `mask` are set, 0 where none is. */
-static inline float masked(float number, int mask)
-{
-    int bits;
-    memcpy(&bits, &number, sizeof(bits));
-    bits &= mask;
-    memcpy(&number, &bits, sizeof(bits));
-    return number;
-}
-
 /* Add the neighbour in this column, counted from the lanes' own. */
 #define ADD(column)                                                                                                    \
     do {                                                                                                               \
@@ -39,7 +29,7 @@ static inline float masked(float number, int mask)
         if (refined)                                                                                                   \
             off = apart - (middle + along_c * (float)(column) + along_r);                                              \
         const int near = (at > 0.0f) & (fabsf(off) < (refined ? CLOSE : CONTINUOUS)) ? -1 : 0;                         \
-        const float counted = masked(apart, near);                                                                     \
+        const float counted = choose(near, apart, 0.0f);                                                               \
         q += counted;                                                                                                  \
         cq += counted * (float)(column);                                                                               \
         rq += counted * (float)row;                                                                                    \
