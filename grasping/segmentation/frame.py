@@ -200,7 +200,7 @@ class Frame:
             return organised_image(self.points, self.valid, self.sight.shape, self.sight)
         if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
             return None
-        return loose_image(self.points, self.valid, self._origin)
+        return loose_image(self.points, self.valid, self._origin, None if plane is None else plane[:3])
 
     def area(self, index: IntArray, pitch: float) -> float:
         """How large what these points show is across the line of sight, m². pitch: m between points of the table."""

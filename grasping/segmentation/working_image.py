@@ -20,7 +20,8 @@ IntArray = NDArray[np.int64]
 
 MOST_PIXELS = 110_000
 ALIKE = 0.01  # 1/m: within this the pixels of a block see one surface
-LOOSE_FILL = 1.6  # points that a pixel of a loose cloud's image holds on average
+LOOKS_DOWN = 0.95  # along a direction that is then none in the image
+MOST_EMPTY = 0.05  # of the pixels between two filled ones, in a loose cloud's image
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,11 @@ def organised_image(
     return WorkingImage(image, rays @ grow, sight.viewpoint, sight.pixel * block, cells, q)
 
 
-def loose_image(points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray) -> WorkingImage | None:
+def loose_image(
+    points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray, up: FloatArray | None
+) -> WorkingImage | None:
     """Of a loose cloud (N, 3) seen from a known viewpoint: an image as fine as its points are dense, or None where
-    they surround the viewpoint or are too few.
+    they surround the viewpoint or are too few. up: (3,) where it is known, and upward in the image, too.
     """
     index = np.flatnonzero(valid)
     seen = points.take(index, axis=0).astype(np.float64) - viewpoint
@@ -92,7 +95,10 @@ def loose_image(points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray
     if len(index) < 100 or length < 1e-6:
         return None
     forward = middle / length
-    side = np.cross(np.eye(3)[int(np.abs(forward).argmin())], forward)
+    down = np.array([0.0, 1.0, 0.0]) if up is None or abs(up @ forward) > LOOKS_DOWN else -up  # y down: a camera's
+    if abs(down @ forward) > LOOKS_DOWN:
+        down = np.array([1.0, 0.0, 0.0])
+    side = np.cross(down, forward)
     side /= np.linalg.norm(side)
     axes = np.stack([side, np.cross(forward, side), forward])
     ahead = seen @ axes.T
@@ -192,13 +198,18 @@ def reduce_blocks_reference(q: Float32Array, block: int) -> Float32Array:
 
 
 def _density(flat: FloatArray) -> float:
-    """How wide a pixel is that holds `LOOSE_FILL` of these points (N, 2) where there are any."""
-    spread = np.ptp(flat, axis=0).max()
-    pitch = max(spread / 2000, 1e-7)
-    for _ in range(12):  # coarser until enough share a pixel
-        key = np.floor((flat - flat.min(axis=0)) / pitch).astype(np.int64)
-        filled = len(np.unique(key[:, 0] * 4096 + key[:, 1]))
-        if len(flat) / filled >= LOOSE_FILL and filled <= MOST_PIXELS:
+    """The finest width of a pixel with which hardly a pixel between filled ones is empty, for points (N, 2)."""
+    low = flat.min(axis=0)
+    spread = np.ptp(flat, axis=0)
+    pitch = max(float(np.sqrt(spread.prod() / len(flat))) / 2, float(spread.max()) / 4000, 1e-9)
+    for _ in range(24):
+        at = ((flat - low) / pitch).astype(np.int64)
+        columns, rows = at.max(axis=0) + 1
+        filled = np.zeros((rows, columns), dtype=bool)
+        filled[at[:, 1], at[:, 0]] = True
+        inside = filled[:, :-2] & filled[:, 2:]
+        empty = np.count_nonzero(inside & ~filled[:, 1:-1])
+        if empty <= MOST_EMPTY * max(np.count_nonzero(inside), 1) and np.count_nonzero(filled) <= MOST_PIXELS:
             break
-        pitch *= 1.25 if len(flat) / filled > 1.2 else 1.6
-    return float(pitch)
+        pitch *= 1.1
+    return pitch
