@@ -75,16 +75,16 @@ class Scene:
     """The objects of a frame, the largest first; lists of one length.
 
     objects: clouds (M, 3) in the frame and dtype of the input. indices: of their points in the input, flattened.
-    plane: (4,), n·p + d = 0 with n up, or None; n_table: its points. touches_border: cut off by the image (never so for
-    a loose cloud). touches_gripper: within 1 cm of what was cut out as the robot. rejected: what was left out and why.
-    obstacles: clouds of those of it that a gripper could hit. Every point of the input is in an object, in the table,
-    or counted in `rejected` as "points" or "cluster". viewpoint: (3,) where the camera stood, in the frame of the
-    input, or None where that is not known. unseen: for each object (K, 3), the far ends, on the table where there is
-    one, of the lines of sight on which the sensor measured nothing, or the robot, in the object or beside it, looked for
-    when they are asked for; (0, 3) for a loose cloud. other_planes: (4,) each, the largest first: a floor, a wall, a box's side; where they are stands
-    in `rejected`. confidence: for each object how sure it is, in [0, 1], that it is one whole thing, no part and no sum
-    of some; empty where the segmenter does not say. cuts: pairs of neighbouring objects, first < second, that it told
-    apart; empty likewise.
+    plane: (4,), n·p + d = 0 with n up, or None; n_table: its points. touches_border: cut off by the image (never so
+    for a loose cloud). touches_gripper: within 1 cm of what was cut out as the robot. rejected: what was left out
+    and why. obstacles: clouds of those of it that a gripper could hit. Every point of the input is in an object, in
+    the table, or counted in `rejected` as "points" or "cluster". viewpoint: (3,) where the camera stood, in the
+    frame of the input, or None where that is not known. unseen: for each object (K, 3), the far ends, on the table
+    where there is one, of the lines of sight on which the sensor measured nothing, or the robot, in the object or
+    beside it, looked for when they are asked for; (0, 3) for a loose cloud. other_planes: (4,) each, the largest
+    first: a floor, a wall, a box's side; where they are stands in `rejected`. confidence: for each object how sure
+    it is, in [0, 1], that it is one whole thing, no part and no sum of some; empty where the segmenter does not
+    say. cuts: pairs of neighbouring objects, first < second, that it told apart; empty likewise.
     """
 
     objects: list[FloatArray]

@@ -209,7 +209,7 @@ def _density(flat: FloatArray) -> float:
         filled[at[:, 1], at[:, 0]] = True
         inside = filled[:, :-2] & filled[:, 2:]
         empty = np.count_nonzero(inside & ~filled[:, 1:-1])
-        if empty <= MOST_EMPTY * max(np.count_nonzero(inside), 1) and np.count_nonzero(filled) <= MOST_PIXELS:
+        if empty <= MOST_EMPTY * np.count_nonzero(inside) and np.count_nonzero(filled) <= MOST_PIXELS:
             break
         pitch *= 1.1
     return pitch

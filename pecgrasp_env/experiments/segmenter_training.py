@@ -104,8 +104,8 @@ def hide_middles(cloud: NDArray, labels: NDArray, rng: np.random.Generator) -> t
         if np.count_nonzero(own) < LEAST_HIDDEN:
             continue
         r, c = row[own], column[own]
-        _, axes = np.linalg.eigh(np.cov(np.stack([r, c])))
-        along: FloatArray = axes[:, 1] if rng.uniform() < LENGTHWISE else rng.normal(size=2)
+        axes: FloatArray = np.linalg.eigh(np.cov(np.stack([r, c]))).eigenvectors
+        along = axes[:, 1] if rng.uniform() < LENGTHWISE else rng.normal(size=2)
         along = along / np.linalg.norm(along) + rng.normal(0, 0.2, 2)
         along /= np.linalg.norm(along)
         reach = (r - r.mean()) * along[0] + (c - c.mean()) * along[1]
