@@ -98,7 +98,7 @@ def hide_middles(cloud: NDArray, labels: NDArray, rng: np.random.Generator) -> t
     Few simulated scenes show that, and whether two ends are of one thing is what is hardest to say.
     """
     cloud, labels = cloud.copy(), labels.copy()
-    row, column = np.indices(labels.shape)
+    row, column = (np.asarray(part) for part in np.indices(labels.shape))
     for label in rng.permutation(np.unique(labels[labels >= OBJECTS]))[:MOST_BARS]:
         own = (labels == label) & np.isfinite(cloud[..., 2])
         if np.count_nonzero(own) < LEAST_HIDDEN:
