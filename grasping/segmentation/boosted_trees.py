@@ -101,8 +101,8 @@ def read_relations(path: Path, names: dict[str, tuple[str, ...]]) -> Relations:
             arrays = dict(file)
         head = json.loads(arrays["head"].tobytes())
         trees = {name: _trees(arrays, name) for name in KINDS}
-    except FileNotFoundError:
-        raise
+    except FileNotFoundError as error:
+        raise ConfigError(f"relations = {path}: there is no such file") from error
     except (OSError, ValueError, KeyError) as error:
         raise ConfigError(f"relations = {path}: not a file of pecgrasp train-segmenter ({error})") from error
     if head["format"] != FORMAT or head["names"] != {name: list(names[name]) for name in KINDS}:
