@@ -21,8 +21,8 @@ FEW = 200  # points that suffice to say so
 SEEN_OF_TABLE = 5000  # points that suffice for its outline
 SMALL = "small"
 BESIDE = "beside the table"
-NO_THING = "by its surface more likely part of the table or the background than a thing"
-WRINKLE = 0.01  # m
+NO_THING = "low, and by its surface more likely a wrinkle of the table than a thing"
+WRINKLE = 0.015  # m above the table: what is higher is a thing, whatever the trees say
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ObjectRules:
         small: list[IntArray] = []
         for number, points in enumerate(clusters):
             why = self.too_little(points) or self.misplaced(points)
-            if why is None and thing is not None and thing[number] < self.limits.least_thing:
+            if why is None and thing is not None and thing[number] < self.limits.least_thing and self._flat(points):
                 why = NO_THING
             if why is None:
                 result.objects.append(points)
@@ -91,7 +91,7 @@ class ObjectRules:
             else:
                 sure = 0.0 if thing is None else float(thing[number])
                 self.frame.reject("cluster", why, points, self._way_out(points, why, sure))
-                if not why.startswith("only") and not (why == NO_THING and self._flat(points)):
+                if not why.startswith("only") and why != NO_THING:
                     result.obstacles.append(points)
         limits = self.limits
         least = f"fewer than {limits.min_points} points or less than {limits.min_area * 1e4:g} cm²"
@@ -126,7 +126,7 @@ class ObjectRules:
         return BESIDE if self.tabletop is not None and self.tabletop.beside(self.frame, points) else None
 
     def _flat(self, points: IntArray) -> bool:
-        """Whether a cluster is but a wrinkle of the table, over which fingers pass."""
+        """Whether a cluster is so low that it may be a wrinkle of the table."""
         return self.tabletop is not None and _upper(self.tabletop.heights.take(points)) < WRINKLE
 
     def _way_out(self, points: IntArray, why: str, sure: float) -> str:

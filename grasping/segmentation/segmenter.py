@@ -48,7 +48,7 @@ class Segmenter:
     min_points, min_area, min_height: clusters of fewer points, of less area (m², across the line of sight) or lower (m,
         95 % of its points) are noise and unevenness of the table.
     max_extent: larger clusters are no objects for a hand, m. max_height: points higher above the table are left out, m.
-    least_thing: how sure the trees must be, in [0, 1], that a cluster is a thing and no wrinkle of table or background.
+    least_thing: how sure the trees must be, in [0, 1], that a low cluster is a thing and no wrinkle of the table.
     relations: file of `pecgrasp train-segmenter`, of another camera's trees; None: the package's own.
     seed: of RANSAC's draws; the same input gives the same scene.
     """

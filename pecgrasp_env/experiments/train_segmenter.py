@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,56 +43,67 @@ def labels_of(frame: LabelledFrame) -> NDArray[np.int64]:
 
 
 def train_segmenter(
-    folder: Path, output: Path, *, seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
+    folders: Sequence[Path],
+    output: Path,
+    *,
+    val: Path | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Any]:
-    """Train on the frames of a folder, test on its scenes that are kept apart, write `relations.npz`, `report.html` and
-    `results.json` into output, and return what the last says. Raises DatasetError where the folder has no frames.
+    """Train on the frames of folders, write `relations.npz`, `report.html` and `results.json` into output, and return
+    what the last says.
+
+    val: a folder whose frames are all measured on; None: the scenes of the folders that are kept apart. Raises
+    DatasetError where a folder has no frames.
     """
     output.mkdir(parents=True, exist_ok=True)
-    manifest = read_manifest(folder)
-    digest = hashlib.sha256("".join(record.sha256 for record in manifest.shards).encode()).hexdigest()
+    manifests = [read_manifest(folder) for folder in folders]
+    hashes = [record.sha256 for manifest in manifests for record in manifest.shards]
+    count = sum(record.n_samples for manifest in manifests for record in manifest.shards)
     about: dict[str, Any] = {
-        "frames": sum(record.n_samples for record in manifest.shards),
-        "data": digest,
+        "frames": count,
+        "data": hashlib.sha256("".join(hashes).encode()).hexdigest(),
+        "made_by": [manifest.config for manifest in manifests],
         "seed": seed,
     }
-    total = 2 * int(about["frames"])
     done = 0
 
     def training() -> Iterator[tuple[NDArray, NDArray]]:
         nonlocal done
-        for frame in frames_of(folder, val=False):
-            yield cloud_of(frame), labels_of(frame)
-            done += 1
-            progress(done, total)
+        for folder in folders:
+            for frame in frames_of(folder, val=False):
+                yield cloud_of(frame), labels_of(frame)
+                done += 1
+                progress(done, 2 * count)
 
     relations = train(training, about, seed)
     write_relations(output / FILE, relations, NAMES)
-    results, page = evaluate(folder, output / FILE, relations)
+    apart = [(val, None)] if val is not None else [(folder, True) for folder in folders]
+    results, page = evaluate(apart, output / FILE, relations)
     about |= results
     write_relations(output / FILE, replace(relations, about=about), NAMES)
     write_whole(output / "report.html", page.encode())
     write_whole(output / "results.json", json.dumps(about, indent=2).encode())
-    progress(total, total)
+    progress(2 * count, 2 * count)
     return about
 
 
-def evaluate(folder: Path, file: Path, relations: Relations) -> tuple[dict[str, Any], str]:
-    """What the trees of a file find in the scenes that are kept apart: numbers, and the page."""
+def evaluate(apart: Sequence[tuple[Path, bool | None]], file: Path, relations: Relations) -> tuple[dict[str, Any], str]:
+    """What the trees of a file find in frames that are kept apart: numbers, and the page.
+
+    apart: folders, and of which scenes: those kept apart (True) or all (None).
+    """
     segmenter = Segmenter(relations=file)
-    config = read_manifest(folder).config
-    names = {"kind": list(config["kinds"]), "camera": list(config["cameras"])}
     tallies: dict[str, dict[str, Tally]] = {
         "all": defaultdict(Tally),
         "kind": defaultdict(Tally),
         "camera": defaultdict(Tally),
     }
     shown: list[tuple[float, str, str]] = []
-    for frame in frames_of(folder, val=True):
-        cloud, labels = cloud_of(frame), labels_of(frame)
-        scene = segmenter.segment(cloud)
+    for frame, kind, camera in _frames_apart(apart):
+        labels = labels_of(frame)
+        scene = segmenter.segment(cloud_of(frame))
         found = score(scene, labels, frame.depth > 0, frame.visible)
-        kind, camera = names["kind"][frame.kind], names["camera"][frame.camera]
         for group, name in (("all", "all"), ("kind", kind), ("camera", camera)):
             tallies[group][name].scores.append(found)
         if len(found.overlap):
@@ -100,7 +111,7 @@ def evaluate(folder: Path, file: Path, relations: Relations) -> tuple[dict[str, 
             caption = f"scene {frame.scene}, {kind}, {camera}: {share:.0%} of {len(found.overlap)} found"
             if len(shown) < WORST or share < shown[-1][0]:
                 shown = sorted([*shown, (share, caption, picture(frame.depth, labels, scene))])[:WORST]
-    kinds = _kept_apart(folder, relations)
+    kinds = _examples_apart(apart, relations)
     pairs = {name: precision_recall(relations, name, found) for name, found in kinds.items()}
     importance = {name: importances(relations, name, found) for name, found in kinds.items()}
     everything = tallies["all"]["all"]
@@ -115,9 +126,18 @@ def evaluate(folder: Path, file: Path, relations: Relations) -> tuple[dict[str, 
     return numbers, render(tallies, pairs, importance, [(caption, image) for _, caption, image in shown], about)
 
 
-def _kept_apart(folder: Path, relations: Relations) -> dict[str, Examples]:
+def _frames_apart(apart: Sequence[tuple[Path, bool | None]]) -> Iterator[tuple[LabelledFrame, str, str]]:
+    """The frames, and the names of each one's kind and camera."""
+    for folder, which in apart:
+        config = read_manifest(folder).config
+        kinds, cameras = list(config["kinds"]), list(config["cameras"])
+        for frame in frames_of(folder, val=which):
+            yield frame, kinds[frame.kind], cameras[frame.camera]
+
+
+def _examples_apart(apart: Sequence[tuple[Path, bool | None]], relations: Relations) -> dict[str, Examples]:
     kinds = {name: Examples() for name in NAMES}
-    frames = ((cloud_of(frame), labels_of(frame)) for frame in frames_of(folder, val=True))
+    frames = ((cloud_of(frame), labels_of(frame)) for frame, _, _ in _frames_apart(apart))
     for _, cut in cut_frames(frames, 0.0, 0.0, 0):
         add_pairs(cut, kinds["near"], kinds["far"])
         add_groups(cut, relations, kinds["thing"], kinds["whole"])
