@@ -194,13 +194,17 @@ class Frame:
         side = np.sign(ahead)  # x right, y down, z forward; or x right, y up, z backward
         return View(np.array([0.0, side, 0.0]), np.array([0.0, 0.0, side]))
 
-    def working_image(self, plane: FloatArray | None) -> WorkingImage | None:
-        """What surfaces are told apart in; None where nobody knows from where the points were seen."""
+    def working_image(self, plane: FloatArray | None, chosen: NDArray[np.bool_] | None = None) -> WorkingImage | None:
+        """What surfaces are told apart in; None where nobody knows from where the points were seen.
+
+        plane: (4,) the table, where there is one. chosen: (N,) the points that count, by default the valid ones.
+        """
+        chosen = self.valid if chosen is None else chosen
         if self.sight is not None:
-            return organised_image(self.points, self.valid, self.sight.shape, self.sight)
+            return organised_image(self.points, chosen, self.sight.shape, self.sight)
         if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
             return None
-        return loose_image(self.points, self.valid, self._origin, None if plane is None else plane[:3])
+        return loose_image(self.points, chosen, self._origin, None if plane is None else plane[:3])
 
     def area(self, index: IntArray, pitch: float) -> float:
         """How large what these points show is across the line of sight, m². pitch: m between points of the table."""

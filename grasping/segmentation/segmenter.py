@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -120,18 +120,21 @@ class Segmenter:
         """
         frame = Frame(cloud, self.depth_range, viewpoint, robot)
         plane, height = self._table(frame, None if up is None else unit_vector(up, name="up"))
-        image = frame.working_image(None if plane is None else plane.equation)
+        seen = self._without_ramps(frame, plane, height)
+        image = frame.working_image(None if plane is None else plane.equation, seen.steady)
         if image is not None:
-            return self._by_surfaces(frame, image, plane, height)
+            return self._by_surfaces(frame, image, seen, plane, height)
         if plane is None or height is None:
             rules = ObjectRules(frame, self._limits, None)
-            found = rules.sort(clusters_in_space(frame, np.flatnonzero(frame.valid), self.gap))
+            clusters = clusters_in_space(frame, np.flatnonzero(seen.steady), self.gap)
+            found = rules.sort(frame.with_edges(clusters, seen.on_ramps))
             return frame.scene(None, found.objects, found.obstacles, 0)
         table = np.flatnonzero(np.abs(height) <= plane.band)
-        above = self._not_too_tall(frame, np.flatnonzero(height > plane.band), height)
+        above = self._not_too_tall(frame, np.flatnonzero(seen.steady & (height > plane.band)), height)
         frame.reject_below(plane.equation, np.flatnonzero(height < -plane.band))
         rules = ObjectRules(frame, self._limits, Tabletop(frame, plane.equation, height, table))
-        found = rules.sort(clusters_on_table(frame, above, rules, self.gap))
+        clusters = clusters_on_table(frame, above, rules, self.gap)
+        found = rules.sort(frame.with_edges(clusters, seen.on_ramps))
         return frame.scene(plane.equation, found.objects, found.obstacles, len(table))
 
     def surfaces(self, cloud: ArrayLike, *, with_table: bool = True) -> Surfaces | None:
@@ -140,10 +143,20 @@ class Segmenter:
         with_table: whether a table is looked for. Raises CloudError as `segment` does.
         """
         frame = Frame(cloud, self.depth_range)
-        plane = self._table(frame, None)[0] if with_table else None
+        plane, height = self._table(frame, None) if with_table else (None, None)
         equation = None if plane is None else plane.equation
-        image = frame.working_image(equation)
+        image = frame.working_image(equation, self._without_ramps(frame, plane, height).steady)
         return None if image is None else Surfaces(image, equation, self.max_height)
+
+    def _without_ramps(self, frame: Frame, plane: Plane | None, height: NDArray | None) -> _Seen:
+        """Leave out what hangs in the air above the table before surfaces are looked for: it joins what is apart."""
+        above = frame.valid if plane is None or height is None else height > plane.band
+        standing = np.flatnonzero(above)
+        firm, on_ramps = frame.without_flying(standing, None if plane is None else plane.equation)
+        steady = frame.valid.copy()
+        steady[standing] = False
+        steady[firm] = True
+        return _Seen(steady, on_ramps)
 
     def _table(self, frame: Frame, up: FloatArray | None) -> tuple[Plane | None, NDArray | None]:
         """The table's plane, fitted to all of its points, and the heights (N,) above it."""
@@ -154,15 +167,16 @@ class Segmenter:
         plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
         return plane, frame.heights(plane.equation)
 
-    def _by_surfaces(self, frame: Frame, image: WorkingImage, plane: Plane | None, height: NDArray | None) -> Scene:
+    def _by_surfaces(
+        self, frame: Frame, image: WorkingImage, seen: _Seen, plane: Plane | None, height: NDArray | None
+    ) -> Scene:
         equation = None if plane is None else plane.equation
-        groups = group_by_surfaces(image, frame.valid, equation, self.max_height, self._relations)
-        chosen, on_ramps = frame.without_flying(np.flatnonzero(groups.number), equation)
+        groups = group_by_surfaces(image, seen.steady, equation, self.max_height, self._relations)
         tabletop, table = None, np.empty(0, dtype=np.int64)
         if plane is not None and height is not None and groups.above_table is not None:
             level = np.abs(height) <= plane.band
             level |= np.abs(groups.above_table) <= np.float32(ON_TABLE * groups.table_noise)
-            free = frame.valid & (groups.number == 0)
+            free = seen.steady & (groups.number == 0)
             table = np.flatnonzero(level & free)
             left = free & ~level
             alone = self._not_too_tall(frame, np.flatnonzero(left & (height > 0)), height)
@@ -171,10 +185,11 @@ class Segmenter:
             height = _above_bent(height, groups.above_table, image, plane.equation)
             tabletop = Tabletop(frame, plane.equation, height, table)
         else:
-            alone = frame.valid & (groups.number == 0)
+            alone = seen.steady & (groups.number == 0)
             frame.reject("points", "isolated", np.flatnonzero(alone))
+        chosen = np.flatnonzero(groups.number)
         number = groups.number.take(chosen).astype(np.int64)
-        clusters = frame.with_edges([chosen[members] for members in by_label(number)], on_ramps)
+        clusters = frame.with_edges([chosen[members] for members in by_label(number)], seen.on_ramps)
         found = ObjectRules(frame, self._limits, tabletop).sort(clusters, groups.thing)
         order = sorted(range(len(found.objects)), key=lambda i: -len(found.objects[i]))
         scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
@@ -203,6 +218,16 @@ class Segmenter:
     @cached_property
     def _relations(self) -> Relations:
         return trained_relations(self.relations)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """steady: (N,) the valid points that do not hang in the air. on_ramps: (R,) of those that do, those on ramps, which
+    may be an object's edge.
+    """
+
+    steady: NDArray[np.bool_]
+    on_ramps: IntArray
 
 
 def _above_bent(height: NDArray, above: NDArray, image: WorkingImage, plane: FloatArray) -> NDArray:

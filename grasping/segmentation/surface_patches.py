@@ -28,6 +28,7 @@ ANY = float(np.finfo(np.float32).max)  # of edge: the last level
 LEAST_SEED = 12  # pixels from which a patch grows
 LEAST_PATCH = 6  # pixels that are left over and no patch's
 SMOOTH = 0.5  # mean edge of a border that divides nothing
+BROKEN = 1.5  # of edge, above all levels, of a pixel beside one that lies elsewhere
 CONTINUOUS = 0.03  # 1/m between a pixel and the one that it takes its label from
 MOST_EDGE = 2.0
 NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
@@ -89,6 +90,11 @@ def edges_reference(
         convex = turn[0] * apart[0] + turn[1] * apart[1] + turn[2] * apart[2] > 0
         fold = np.where(convex, np.float32(CONVEX), np.float32(CONCAVE)) * chord
         most = np.maximum(most, np.where(inside, np.maximum(fold, jump), np.float32(0)))
+    for down, across in NEIGHBOURS:
+        inside = (row + down >= 0) & (row + down < h) & (column + across >= 0) & (column + across < w)
+        beside = np.where(inside, asked + (down * w + across), asked)
+        broken = (q[beside] > 0) & (np.abs(q[beside] - q[asked]) >= np.float32(CONTINUOUS))
+        most = np.maximum(most, np.where(broken, np.float32(BROKEN), np.float32(0)))
     return most
 
 

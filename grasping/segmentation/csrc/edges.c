@@ -9,6 +9,8 @@ static const int DOWN[DIRECTIONS] = {0, 1, 1, 1}, ACROSS[DIRECTIONS] = {1, 0, 1,
 #define CONVEX 0.9f
 #define CONCAVE 1.3f
 #define JUMP 0.016
+#define BROKEN 1.5f
+#define CONTINUOUS 0.03f
 
 /* The surface at a run of pixels. */
 typedef struct {
@@ -45,6 +47,16 @@ static void compare(Surface one, Surface other, float here, float there, ptrdiff
     }
 }
 
+/* Raise `edge` of `count` pixels beside ones that lie elsewhere, `step` pixels away. */
+static void compare_neighbours(const float *fitted, ptrdiff_t step, ptrdiff_t count, float *restrict edge)
+{
+    for (ptrdiff_t i = 0; i < count; i++) {
+        const float other = fitted[i + step];
+        const int broken = (other > 0.0f) & (fabsf(other - fitted[i]) >= CONTINUOUS);
+        edge[i] = maximum(edge[i], broken ? BROKEN : 0.0f);
+    }
+}
+
 int find_edges(const float *fitted, const float *slopes, const float *normals, const float *positions, ptrdiff_t h,
                ptrdiff_t w, const int64_t *asked, ptrdiff_t count, float *edge)
 {
@@ -67,6 +79,13 @@ int find_edges(const float *fitted, const float *slopes, const float *normals, c
             const ptrdiff_t step = down * w + across;
             compare(from_pixel(&whole, start + from - step), from_pixel(&whole, start + from + step), (float)across,
                     (float)down, to - from, edge + start + from);
+        }
+        for (int side = -1; side <= 1; side += 2) {
+            if (row + side >= 0 && row + side < h)
+                compare_neighbours(fitted + first, side * w, length, edge + first);
+            const ptrdiff_t from = column + side < 0 ? 1 : 0, to = column + length - 1 + side >= w ? length - 1 : length;
+            if (from < to)
+                compare_neighbours(fitted + first + from, side, to - from, edge + first + from);
         }
     }
     return 0;
