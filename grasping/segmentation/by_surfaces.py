@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.group_features import group_features
@@ -18,6 +19,7 @@ Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
+STEP, STEPS = 0.008, 8  # m between points of one object, and how often one is given on
 FLYING = 0.03  # 1/m from all pixels around: a point in the air
 
 
@@ -86,9 +88,11 @@ def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None
         border = of_pixel[one] != of_pixel[other]
         inside[one] |= border
         inside[other] |= border
-    points = np.flatnonzero(inside.ravel()[np.maximum(image.cells, 0)] & (image.cells >= 0))
-    cell, own = image.cells[points].astype(np.int64), image.point_inverse_depth[points]
     q = image.inverse_depth.ravel()
+    of_cell = np.maximum(image.cells, 0)
+    elsewhere = (flat > 0) & (np.abs(q[of_cell] - image.point_inverse_depth) > ALIKE)
+    points = np.flatnonzero((inside.ravel()[of_cell] | elsewhere) & (image.cells >= 0))
+    cell, own = image.cells[points].astype(np.int64), image.point_inverse_depth[points]
     numbers = of_pixel.ravel()
     best = flat[points]
     off = np.abs(q[cell] - own)
@@ -106,3 +110,18 @@ def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None
         best, off = np.where(better, numbers[beside], best), np.where(better, apart, off)
     flat[points] = np.where(off < FLYING, best, 0)
     return flat
+
+
+def give_hidden(points: NDArray, number: Labels, hidden: IntArray) -> None:
+    """Give points (K,) of a loose cloud (N, 3) that have no number that of the nearest one that has, step by step.
+
+    Drawn from where the camera is taken to have stood, some points lie behind others.
+    """
+    for _ in range(STEPS):
+        known = np.flatnonzero(number)
+        if not len(known) or not len(hidden):
+            return
+        distance, nearest = cKDTree(points[known]).query(points[hidden], distance_upper_bound=STEP)
+        near = np.isfinite(distance)
+        number[hidden[near]] = number[known[nearest[near]]]
+        hidden = hidden[~near]

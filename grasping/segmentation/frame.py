@@ -27,6 +27,7 @@ IntArray = NDArray[np.int64]
 GRIPPER_CONTACT = 0.01  # m
 ALONG_Z = 0.94  # of up, where that is what a world frame's z axis is
 USUAL = 0.7  # of the way to a loose cloud's middle goes along its z axis, where that is a camera's frame
+AHEAD = 0.5  # of the way along z to almost every point, in a frame that is surely a camera's
 NOTICED = 0.01  # of the points; fewer are left out without a way to have them
 LOWEST_CAMERA = 0.05  # m above the table
 
@@ -202,9 +203,17 @@ class Frame:
         chosen = self.valid if chosen is None else chosen
         if self.sight is not None:
             return organised_image(self.points, chosen, self.sight.shape, self.sight)
-        if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
+        if self._viewpoint is None and (self.shape is not None or not self._of_a_camera(plane)):
             return None
         return loose_image(self.points, chosen, self._origin, None if plane is None else plane[:3])
+
+    def _of_a_camera(self, plane: FloatArray | None) -> bool:
+        """Whether a loose cloud's frame is surely a camera's: all of it lies ahead along z, and no table above it."""
+        if plane is not None and plane[3] < LOWEST_CAMERA:
+            return False
+        seen = self.sample(SAMPLED, np.random.default_rng(0))
+        ahead = seen[:, 2] / np.linalg.norm(seen, axis=1)
+        return bool(np.quantile(np.sign(ahead.mean()) * ahead, 0.01) > AHEAD)
 
     def area(self, index: IntArray, pitch: float) -> float:
         """How large what these points show is across the line of sight, m². pitch: m between points of the table."""

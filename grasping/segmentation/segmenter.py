@@ -13,7 +13,7 @@ from grasping.errors import ConfigError, require_between
 from grasping.geometry.clustering import by_label
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.by_footprints import clusters_in_space, clusters_on_table
-from grasping.segmentation.by_surfaces import group_by_surfaces
+from grasping.segmentation.by_surfaces import give_hidden, group_by_surfaces
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.object_rules import Limits, ObjectRules, Tabletop, upward
 from grasping.segmentation.planes import Plane, fit_all
@@ -176,6 +176,8 @@ class Segmenter:
         if plane is not None and height is not None and groups.above_table is not None:
             level = np.abs(height) <= plane.band
             level |= np.abs(groups.above_table) <= np.float32(ON_TABLE * groups.table_noise)
+            if frame.shape is None:
+                give_hidden(frame.points, groups.number, np.flatnonzero(~level & (groups.number == 0) & (height > 0)))
             free = seen.steady & (groups.number == 0)
             table = np.flatnonzero(level & free)
             left = free & ~level

@@ -20,7 +20,9 @@ IntArray = NDArray[np.int64]
 
 MOST_PIXELS = 110_000
 ALIKE = 0.01  # 1/m: within this the pixels of a block see one surface
+FEWEST = 100  # points of an image
 LOOKS_DOWN = 0.95  # along a direction that is then none in the image
+BEHIND, MOST_BEHIND = 0.05, 0.03  # 1/m, and the share of points so far behind others that no camera saw both
 MOST_EMPTY = 0.05  # of the pixels between two filled ones, in a loose cloud's image
 
 
@@ -85,14 +87,18 @@ def organised_image(
 def loose_image(
     points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray, up: FloatArray | None
 ) -> WorkingImage | None:
-    """Of a loose cloud (N, 3) seen from a known viewpoint: an image as fine as its points are dense, or None where
-    they surround the viewpoint or are too few. up: (3,) where it is known, and upward in the image, too.
+    """Of a loose cloud (N, 3) seen from a known viewpoint: an image as fine as its points are dense.
+
+    None where the points surround the viewpoint, are too few, or cannot have been seen from there. up: (3,) where it is
+    known, and upward in the image, too.
     """
     index = np.flatnonzero(valid)
+    if len(index) < FEWEST:
+        return None
     seen = points.take(index, axis=0).astype(np.float64) - viewpoint
     middle = np.median(seen, axis=0)
     length = float(np.linalg.norm(middle))
-    if len(index) < 100 or length < 1e-6:
+    if length < 1e-6:
         return None
     forward = middle / length
     down = np.array([0.0, 1.0, 0.0]) if up is None or abs(up @ forward) > LOOKS_DOWN else -up  # y down: a camera's
@@ -119,7 +125,10 @@ def loose_image(
     q = (1.0 / ahead[:, 2]).astype(np.float32)
     nearest = np.zeros(h * w, dtype=np.float32)
     np.maximum.at(nearest, cell, q)  # what lies nearer hides the rest
-    alike = nearest[cell] - q < ALIKE
+    behind = nearest[cell] - q
+    if np.count_nonzero(behind > BEHIND) > MOST_BEHIND * len(q):
+        return None
+    alike = behind < ALIKE
     sums = np.bincount(cell[alike], q[alike], minlength=h * w)
     counts = np.bincount(cell[alike], minlength=h * w)
     image = np.divide(sums, counts, out=np.zeros(h * w), where=counts > 0).astype(np.float32).reshape(h, w)
