@@ -23,7 +23,9 @@ SEEN_OF_TABLE = 5000  # points that suffice for its outline
 SMALL = "small"
 BESIDE = "beside the table"
 NO_THING = "low, and by its surface more likely a wrinkle of the table than a thing"
-WRINKLE = 0.015  # m above the table: what is higher is a thing, whatever the trees say
+BACKGROUND = "by its surface surely part of the background"
+SURELY_NONE = 0.1  # of `least_thing`: the trees have seen few backgrounds, and no real one
+WRINKLE = 0.015  # m above the table
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,10 @@ class ObjectRules:
         small: list[IntArray] = []
         for number, points in enumerate(clusters):
             why = self.too_little(points) or self.misplaced(points)
-            if why is None and thing is not None and thing[number] < self.limits.least_thing and self._flat(points):
-                why = NO_THING
+            if why is None and thing is not None:
+                flat = self._flat(points)
+                if thing[number] < self.limits.least_thing * (1.0 if flat else SURELY_NONE):
+                    why = NO_THING if flat else BACKGROUND
             if why is None:
                 result.objects.append(points)
                 result.number.append(number)
@@ -92,7 +96,7 @@ class ObjectRules:
             else:
                 sure = 0.0 if thing is None else float(thing[number])
                 self.frame.reject("cluster", why, points, self._way_out(points, why, sure))
-                if not why.startswith("only") and why != NO_THING:
+                if not why.startswith("only") and why != NO_THING:  # fingers pass over a wrinkle
                     result.obstacles.append(points)
         limits = self.limits
         least = f"fewer than {limits.min_points} points or less than {limits.min_area * 1e4:g} cm²"
@@ -136,7 +140,7 @@ class ObjectRules:
         """The setting with which a cluster would be an object, empty where there is none."""
         if why == BESIDE:
             return ""
-        if why == NO_THING:
+        if why in (NO_THING, BACKGROUND):
             return f"least_thing={np.floor(100 * sure) / 100:g}"
         if self.tabletop is not None and why.startswith("only"):
             return f"min_height={np.floor(_upper(self.tabletop.heights.take(points)) * 1e3) / 1e3:g}"

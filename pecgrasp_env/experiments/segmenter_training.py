@@ -25,6 +25,7 @@ Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 
 TREES, LEAVES = 200, 24
+TREES_OF_HALF = 100  # suffice to make groups with the faults that such trees make
 RATE, LEAST_EXAMPLES, RIDGE = 0.08, 20, 1.0
 OBJECTS = 2  # labels from this up are objects; 1 is the table, 0 all else
 WITHOUT_TABLE = 0.15  # of the frames are cut once more as if no table had been found
@@ -184,7 +185,7 @@ def owners(surfaces: Surfaces, labels: NDArray) -> tuple[IntArray, FloatArray, I
     return counts.argmax(axis=1), counts.max(axis=1) / np.maximum(counts.sum(axis=1), 1), points
 
 
-def fit_trees(found: Examples, seed: int) -> BoostedTrees:
+def fit_trees(found: Examples, seed: int, trees: int = TREES) -> BoostedTrees:
     """Gradient boosting (Friedman 2001; histograms as in LightGBM) by scikit-learn, as arrays.
 
     Raises ImportError with the way out where scikit-learn is not installed.
@@ -195,7 +196,7 @@ def fit_trees(found: Examples, seed: int) -> BoostedTrees:
         raise ImportError("training the segmenter needs scikit-learn: pip install 'pecgrasp[segmenter]'") from error
     features, so, weight = found.arrays()
     model = HistGradientBoostingClassifier(
-        max_iter=TREES,
+        max_iter=trees,
         max_leaf_nodes=LEAVES,
         learning_rate=RATE,
         min_samples_leaf=LEAST_EXAMPLES,
@@ -204,7 +205,7 @@ def fit_trees(found: Examples, seed: int) -> BoostedTrees:
         random_state=seed,
     )
     model.fit(features, so, sample_weight=weight / weight.mean())
-    return as_arrays([trees[0].nodes for trees in model._predictors], float(np.ravel(model._baseline_prediction)[0]))
+    return as_arrays([grown[0].nodes for grown in model._predictors], float(np.ravel(model._baseline_prediction)[0]))
 
 
 def as_arrays(trees: Sequence[NDArray[Any]], baseline: float) -> BoostedTrees:
@@ -243,9 +244,10 @@ def train(frames: Callable[[], Iterable[tuple[NDArray, NDArray]]], about: dict[s
     for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
         add_pairs(cut, near[number % 2], far[number % 2])
     nothing = as_arrays([], 0.0)
-    halves = [Relations(fit_trees(near[i], seed), fit_trees(far[i], seed), nothing, nothing, {}) for i in (0, 1)]
+    pairs = [[fit_trees(found[i], seed, TREES_OF_HALF) for found in (near, far)] for i in (0, 1)]
+    halves = [Relations(of_near, of_far, nothing, nothing, {}) for of_near, of_far in pairs]
     thing, whole = Examples(), Examples()
     for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
         add_groups(cut, halves[1 - number % 2], thing, whole)
-    pairs = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
-    return Relations(*pairs, fit_trees(thing, seed), fit_trees(whole, seed), about)
+    of_near, of_far = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
+    return Relations(of_near, of_far, fit_trees(thing, seed), fit_trees(whole, seed), about)
