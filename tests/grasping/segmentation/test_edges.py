@@ -131,7 +131,9 @@ def test_things_smeared_into_each_other_at_their_feet_over_more_than_a_hand_take
     boxes = [(x, 0.0, 0.10, 0.08, 0.12) for x in (-0.25, 0.0, 0.25)]
     frame, owner = render([*boxes, (0.0, 0.0, 0.6, 0.05, 0.014)], T, 0.001)
     scene = Segmenter().segment(frame, up=up_in(T))
-    assert sorted(max(shares, key=shares.get) for shares in owners_of(scene, owner)) == [0, 1, 2]
+    found = [max(shares, key=shares.get) for shares in owners_of(scene, owner)]
+    assert sorted(box for box in found if box < 3) == [0, 1, 2]  # what smears them may be a thing of its own
+    assert all(share_found(scene, owner, box) > 0.9 for box in range(3))
     assert not any("m large" in entry.why for entry in scene.rejected)
 
 
