@@ -246,14 +246,13 @@ class Frame:
         obstacles: list[IntArray],
         n_table: int,
     ) -> Scene:
-        edge = None if self.shape is None else EdgeOfView(self.valid.reshape(self.shape))
         clouds = [self.points.take(index, axis=0) for index in kept]
         viewpoint, unseen = self._seen_from(plane, kept, clouds)
         return Scene(
             objects=clouds,
             indices=kept,
             plane=plane,
-            touches_border=[edge is not None and edge.cuts(index) for index in kept],
+            touches_border=[self.cut_off(index) for index in kept],
             touches_gripper=[self._touches_robot(points) for points in clouds],
             rejected=self.rejected,
             obstacles=[self.points.take(index, axis=0) for index in obstacles],
@@ -276,6 +275,14 @@ class Frame:
             return self._viewpoint, nothing
         objects = zip(kept, clouds, strict=True)
         return self._origin, OnDemand([partial(self.sight.unseen, self._hidden, *each, plane) for each in objects])
+
+    def cut_off(self, index: IntArray) -> bool:
+        """Whether what these points show goes on beyond the view; never so for a loose cloud."""
+        return self._edge is not None and self._edge.cuts(index)
+
+    @cached_property
+    def _edge(self) -> EdgeOfView | None:
+        return None if self.shape is None else EdgeOfView(self.valid.reshape(self.shape))
 
     def _touches_robot(self, points: NDArray) -> bool:
         return self._robot is not None and len(self._robot.within(points, GRIPPER_CONTACT)) > 0

@@ -23,7 +23,7 @@ SEEN_OF_TABLE = 5000  # points that suffice for its outline
 SMALL = "small"
 BESIDE = "beside the table"
 NO_THING = "low, and by its surface more likely a wrinkle of the table than a thing"
-BACKGROUND = "by its surface surely part of the background"
+BACKGROUND = "beyond the view, and by its surface surely part of the background"
 SURELY_NONE = 0.1  # of `least_thing`: the trees have seen few backgrounds, and no real one
 WRINKLE = 0.015  # m above the table
 
@@ -85,9 +85,7 @@ class ObjectRules:
         for number, points in enumerate(clusters):
             why = self.too_little(points) or self.misplaced(points)
             if why is None and thing is not None:
-                flat = self._flat(points)
-                if thing[number] < self.limits.least_thing * (1.0 if flat else SURELY_NONE):
-                    why = NO_THING if flat else BACKGROUND
+                why = self._no_thing(points, float(thing[number]))
             if why is None:
                 result.objects.append(points)
                 result.number.append(number)
@@ -131,6 +129,14 @@ class ObjectRules:
         if (extent := self.extent(points)) > self.limits.max_extent:
             return f"{extent:.2f} m large, more than {self.limits.max_extent:g} m"
         return BESIDE if self.tabletop is not None and self.tabletop.beside(self.frame, points) else None
+
+    def _no_thing(self, points: IntArray, sure: float) -> str | None:
+        """Why the trees' word is taken that a cluster is none: it is low, or goes on beyond the view as walls do."""
+        if sure >= self.limits.least_thing:
+            return None
+        if self._flat(points):
+            return NO_THING
+        return BACKGROUND if sure < SURELY_NONE * self.limits.least_thing and self.frame.cut_off(points) else None
 
     def _flat(self, points: IntArray) -> bool:
         """Whether a cluster is so low that it may be a wrinkle of the table."""
