@@ -26,6 +26,7 @@ IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 FAR_LENGTH = 6.0  # pixels of border that a pair which does not adjoin counts like
+WHOLE_RATHER = 0.5  # log odds: real tables are less of a heap than the scenes that the trees were trained on
 MOST_SURE = 9.0  # log odds: no single pair outvotes all others
 
 
@@ -80,7 +81,7 @@ class Surfaces:
 
     def group(self, relations: Relations) -> Grouping:
         """Say which patches are of one object."""
-        near = np.clip(relations.near.log_odds(self.near_features), -MOST_SURE, MOST_SURE)
+        near = np.clip(relations.near.log_odds(self.near_features) + WHOLE_RATHER, -MOST_SURE, MOST_SURE)
         far = np.clip(relations.far.log_odds(self.far_features), -MOST_SURE, MOST_SURE)
         first = np.concatenate([self.borders.first, self.far_first])
         second = np.concatenate([self.borders.second, self.far_second])
