@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from grasping.segmentation.boosted_trees import Relations
-from grasping.segmentation.group_features import group_features
+from grasping.segmentation.group_features import OF_GROUP, group_features
 from grasping.segmentation.grouping import Grouping, probability
 from grasping.segmentation.surfaces import Surfaces
 from grasping.segmentation.working_image import ALIKE, WorkingImage
@@ -19,6 +19,7 @@ Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
+SCRAP, SURELY_NO_WHOLE, LEAST_ODDS = 200, 0.3, -4.0  # pixels, probability, log odds of being of its neighbour
 STEP, STEPS = 0.008, 8  # m between points of one object, and how often one is given on
 FLYING = 0.03  # 1/m from all pixels around: a point in the air
 
@@ -49,9 +50,18 @@ class PatchGroups:
 
 
 def group_patches(surfaces: Surfaces, relations: Relations) -> PatchGroups:
-    """Group the patches of an image, specks with what they adjoin."""
-    grouping = surfaces.group(relations)
-    grouping = replace(grouping, group=grouping.absorbed(surfaces.measures.pixels))
+    """Group the patches of an image; specks, and scraps that are surely no whole thing, go with what they adjoin."""
+    grouping = surfaces.group(relations).without_specks(surfaces.measures.pixels)
+    groups = _described(surfaces, grouping)
+    whole = probability(relations.whole.log_odds(groups.features))
+    pixels = groups.features[:, OF_GROUP.index("pixels")]
+    scraps = np.flatnonzero((pixels > 0) & (pixels < SCRAP) & (whole < SURELY_NO_WHOLE))
+    if not len(scraps):
+        return groups
+    return _described(surfaces, grouping.given_away(scraps[np.argsort(pixels[scraps])], LEAST_ODDS))
+
+
+def _described(surfaces: Surfaces, grouping: Grouping) -> PatchGroups:
     labels = grouping.group[surfaces.labels].astype(np.int32)
     measures = surfaces.measure(labels, int(grouping.group.max(initial=0)))
     return PatchGroups(labels, grouping, group_features(labels, measures, surfaces.relief, grouping, surfaces.up))

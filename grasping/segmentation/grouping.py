@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,24 +42,30 @@ class Grouping:
         np.minimum.at(least, self.group, sure)
         return least
 
-    def absorbed(self, pixels: FloatArray) -> IntArray:
-        """(n + 1,) the groups, but specks are given to a neighbour that they may belong to. pixels: of each patch."""
+    def without_specks(self, pixels: FloatArray) -> Grouping:
+        """The groups, but what is too small is given to a neighbour that it may belong to. pixels: of each patch."""
+        sizes = np.bincount(self.group, pixels, minlength=int(self.group.max(initial=0)) + 1)
+        return self.given_away(np.flatnonzero(sizes < LEAST_OBJECT), MAY_BELONG)
+
+    def given_away(self, groups: IntArray, least: float) -> Grouping:
+        """The same, but each of these groups is given to the neighbour that it is likest of one object with, where the
+        log odds of that are at least so much.
+        """
         group = self.group.copy()
-        sizes = np.bincount(group, pixels, minlength=int(group.max(initial=0)) + 1)
         one, other = group[self.first], group[self.second]
-        for small in np.flatnonzero(sizes < LEAST_OBJECT):
-            beside = ((one == small) ^ (other == small)) & (small > 0) & self.adjoin
+        for given in groups:
+            beside = ((one == given) ^ (other == given)) & (given > 0) & self.adjoin
             if not beside.any():
                 continue
-            neighbour = np.where(one == small, other, one)[beside]
+            neighbour = np.where(one == given, other, one)[beside]
             weight = np.bincount(neighbour, self.length[beside])
             total = np.bincount(neighbour, (self.odds * self.length)[beside])
             mean = np.where(weight > 0, total / np.maximum(weight, 1e-9), -np.inf)
             best = int(mean.argmax())
-            if mean[best] > MAY_BELONG:
-                group[group == small] = best
+            if mean[best] > least:
+                group[group == given] = best
                 one, other = group[self.first], group[self.second]
-        return group
+        return replace(self, group=group)
 
     def cuts(self) -> dict[tuple[int, int], float]:
         """For pairs of neighbouring objects, first < second, how sure, in [0, 1], they are two."""
