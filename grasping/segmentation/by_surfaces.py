@@ -19,7 +19,7 @@ Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
-SCRAP, SURELY_NO_WHOLE, LEAST_ODDS = 200, 0.3, -4.0  # pixels, probability, log odds of being of its neighbour
+SCRAP, SURELY_NO_WHOLE, LEAST_ODDS = 300, 0.3, -4.0  # pixels, probability, log odds of being of its neighbour
 STEP, STEPS = 0.008, 8  # m between points of one object, and how often one is given on
 FLYING = 0.03  # 1/m from all pixels around: a point in the air
 

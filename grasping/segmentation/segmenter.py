@@ -14,8 +14,9 @@ from grasping.geometry.clustering import by_label
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.by_footprints import clusters_in_space, clusters_on_table
 from grasping.segmentation.by_surfaces import give_hidden, group_by_surfaces
+from grasping.segmentation.depth_holes import parts_over_holes
 from grasping.segmentation.frame import Frame
-from grasping.segmentation.object_rules import Limits, ObjectRules, Tabletop, upward
+from grasping.segmentation.object_rules import Limits, ObjectRules, Sorted, Tabletop, upward
 from grasping.segmentation.planes import Plane, fit_all
 from grasping.segmentation.published import PublishedSegmenter
 from grasping.segmentation.scene import Cut, Rejected, Scene
@@ -192,7 +193,8 @@ class Segmenter:
         chosen = np.flatnonzero(groups.number)
         number = groups.number.take(chosen).astype(np.int64)
         clusters = frame.with_edges([chosen[members] for members in by_label(number)], seen.on_ramps)
-        found = ObjectRules(frame, self._limits, tabletop).sort(clusters, groups.thing)
+        rules = ObjectRules(frame, self._limits, tabletop)
+        found = self._over_holes(frame, rules, rules.sort(clusters, groups.thing), table)
         order = sorted(range(len(found.objects)), key=lambda i: -len(found.objects[i]))
         scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
         place = {found.number[i]: rank for rank, i in enumerate(order)}
@@ -203,6 +205,19 @@ class Segmenter:
         ]
         confidence = [float(groups.whole[found.number[i]]) for i in order]
         return replace(scene, confidence=confidence, cuts=sorted(cuts, key=lambda cut: (cut.first, cut.second)))
+
+    def _over_holes(self, frame: Frame, rules: ObjectRules, found: Sorted, table: IntArray) -> Sorted:
+        """The objects, with those joined that only a hole in the depth divides."""
+        if len(found.objects) < 2 or frame.sight is None or rules.tabletop is None:
+            return found
+        near = 2.0 * rules.tabletop.pitch
+        level = rules.tabletop.level
+        groups = parts_over_holes(found.objects, *frame.measured(), frame.sight.viewpoint, table, level, near)
+        objects = [np.sort(np.concatenate([found.objects[i] for i in group])) for group in groups]
+        if any(rules.extent(points) > self.max_extent for points in objects):
+            return found
+        largest = [max(group, key=lambda i: len(found.objects[i])) for group in groups]
+        return Sorted(objects, [found.number[i] for i in largest], found.obstacles)
 
     def _not_too_tall(self, frame: Frame, above: IntArray, height: NDArray) -> IntArray:
         """Those of the points above the table that are not higher than `max_height`; the others are noted."""

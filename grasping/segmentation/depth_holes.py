@@ -1,0 +1,92 @@
+"""Join what a hole in the depth divides: a dark or shiny stripe across a thing leaves two halves and nothing between.
+
+Two things side by side look alike there, where nothing behind them is measured; but between their feet the table is
+seen, and under a stripe it is not.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+WIDEST = 0.05  # m across a hole
+STEP = 0.012  # m in depth between its two sides, and
+SLOPE = 0.5  # of its width
+BRIDGED = 0.5  # of the lines of pixels that both parts are in
+FEWEST = 5  # such lines
+TABLE_SEEN = 0.2  # of the middles between the two sides, above which they are two things
+
+
+def parts_over_holes(
+    kept: list[IntArray],
+    holes: NDArray[np.bool_],
+    points: NDArray,
+    distance: NDArray,
+    viewpoint: FloatArray,
+    table: IntArray,
+    level: FloatArray,
+    near: float,
+) -> list[list[int]]:
+    """Groups of the numbers of things that are one, of one number where nothing speaks for more.
+
+    kept: of each thing its pixels. holes (H, W): nothing was measured. points (H·W, 3), distance (H·W,): of the pixels,
+    the latter from the camera at the viewpoint (3,), m. table (T,): pixels that show the table, whose directions
+    level (3, 2) are. near: m within which one of those shows the table at a place.
+    """
+    owner = np.full(holes.shape, -1)
+    for number, index in enumerate(kept):
+        owner.reshape(-1)[index] = number
+    place = np.arange(holes.size).reshape(holes.shape)
+    lines = [_across(holes, owner, place), _across(holes.T, owner.T, place.T)]
+    group = list(range(len(kept)))
+    between = [np.sort(owner.reshape(-1)[[one, other]], axis=0) for one, other in lines]
+    pairs = {(a, b) for own in between for a, b in own.T.tolist()}
+    for a, b in combinations(range(len(kept)), 2):
+        if (a, b) not in pairs or group[a] == group[b]:
+            continue
+        for axis, ((one, other), own) in enumerate(zip(lines, between, strict=True)):
+            mine = np.flatnonzero((own[0] == a) & (own[1] == b))
+            p, q = (points.take(each[mine], axis=0).astype(np.float64) for each in (one, other))
+            wide = np.linalg.norm(p - q, axis=1)
+            deep = np.abs(distance[one[mine]] - distance[other[mine]])
+            level_with = (wide <= WIDEST) & (deep <= np.maximum(STEP, SLOPE * wide))
+            crossed = np.unique(np.divmod(one[mine], holes.shape[1])[axis][level_with])
+            in_a, in_b = (np.unique(np.divmod(kept[each], holes.shape[1])[axis]) for each in (a, b))
+            both = np.count_nonzero(np.isin(in_a, in_b))
+            if len(crossed) < max(FEWEST, BRIDGED * both):
+                continue
+            # Just behind the hole: the table in front of a thing is always seen.
+            middles = (0.5 * (p + q))[level_with] @ level
+            away = middles - viewpoint @ level
+            middles += 2.0 * near * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+            if _table_shown(middles, points.take(table, axis=0) @ level, near) <= TABLE_SEEN:
+                group = [group[a] if each == group[b] else each for each in group]
+                break
+    return [[i for i in range(len(kept)) if group[i] == number] for number in sorted(set(group))]
+
+
+def _across(holes: NDArray[np.bool_], owner: NDArray, place: IntArray) -> tuple[IntArray, IntArray]:
+    """Pixels on either side of each run of holes in a row, where both belong to things, to two of them."""
+    columns = np.arange(holes.shape[1])
+    last = np.maximum.accumulate(np.where(holes, -1, columns), axis=1)  # measured pixel at or before each
+    row, column = np.nonzero(holes[:, :-1] & ~holes[:, 1:])
+    before = last[row, column]
+    row, column, before = row[before >= 0], column[before >= 0] + 1, before[before >= 0]
+    one, other = owner[row, before], owner[row, column]
+    two = (one >= 0) & (other >= 0) & (one != other)
+    return place[row[two], before[two]], place[row[two], column[two]]
+
+
+def _table_shown(places: FloatArray, table: NDArray, near: float) -> float:
+    """Share of places (P, 2) of the plane at which the table (T, 2) is seen."""
+    low, high = places.min(axis=0) - near, places.max(axis=0) + near
+    around = table[((table >= low) & (table <= high)).all(axis=1)]
+    if not len(around):
+        return 0.0
+    return float(np.isfinite(cKDTree(around).query(places, distance_upper_bound=near)[0]).mean())
