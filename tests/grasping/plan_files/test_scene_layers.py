@@ -46,7 +46,7 @@ class Doubtful(Segmenter):
 
 
 def test_every_point_is_drawn_once_and_the_legend_says_why_it_was_left_out() -> None:
-    scene = Segmenter().segment(SCENE)
+    scene = Segmenter(min_height=0.01).segment(SCENE)
     layers = scene_layers(SCENE, scene)
     drawn = np.concatenate([layer.points for layer in layers])
     np.testing.assert_array_equal(drawn[np.lexsort(drawn.T)], SCENE[np.lexsort(SCENE.T)])
