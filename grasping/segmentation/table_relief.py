@@ -26,7 +26,7 @@ EVERY = 6  # pixels along rows and columns, of which one says how the table bend
 LEAST = 0.0012  # 1/m: of the noise; a perfect sensor's is not taken at its word
 FEWEST = 100  # pixels of the table that say how it bends
 WEAK = 2.0  # times the noise of the mean of 3×3 pixels, above which a pixel may be a thing's
-OWN = 1.0  # times a pixel's own noise, likewise
+OWN = 1.75  # times a pixel's own noise, likewise
 MOST = 8.0  # times that noise over `WEAK` that a pixel counts for
 LEAST_MASS = 80.0  # of what pixels that hang together count for: few that stand out far, or many that do a little
 

@@ -206,7 +206,7 @@ def test_doctor_reports_the_packages_and_ends_by_whether_it_draws(capsys):
         run("doctor")
     assert ended.value.code in (0, 1)
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[:6]] == ["Python", "Packages", "Planner", "Drivers", "GPU", "Renders"]
+    assert [line.split()[0] for line in lines[:6]] == ["Python", "Packages", "Grasping", "Drivers", "GPU", "Renders"]
 
 
 def test_doctor_knows_no_other_word(capsys) -> None:

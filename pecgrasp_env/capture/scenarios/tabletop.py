@@ -126,7 +126,7 @@ class TabletopScenario:
                 why = ", ".join(f"{reason}: {n}" for reason, n in reasons[i].most_common())
                 captured.given_up[subject.name] = (
                     f"{_MOST_FRAMES} frames in a row gave no cloud of it ({why}); a smaller min_points or a larger "
-                    "max_occlusion may help; what is below 8 mm or above 0.45 m is no object to the segmenter"
+                    "max_occlusion may help; what is below 2 mm or above 0.45 m is no object to the segmenter"
                 )
         return captured
 

@@ -202,12 +202,12 @@ def test_an_object_that_others_hide_too_much_gives_no_sample_of_that_frame():
 
 
 def test_an_object_that_the_segmenter_never_finds_is_given_up_with_the_reasons():
-    flat = block(0.08, 0.06, 0.006, "card")
+    flat = block(0.08, 0.06, 0.001, "card")
     made = capture(TABLE, [flat, make_object("can", 0)], 2)
     assert [sample.class_index for sample in made.samples] == [1, 1]
     assert list(made.given_up) == ["block/card"]
     assert "not found" in made.given_up["block/card"]
-    assert "8 mm" in made.given_up["block/card"]
+    assert "2 mm" in made.given_up["block/card"]
 
 
 def test_distractors_give_no_sample_and_change_what_is_seen():
