@@ -21,7 +21,7 @@ from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan, Gripper
 
 
 class TopPlanner:
-    """Straight down on the middle of what is seen, closing along y."""
+    """Straight down on the middle of what is seen, closing along x or y, whichever is narrower."""
 
     def __init__(self, gripper: Gripper = ROBOTIQ_2F_140, depth: float = 0.02) -> None:
         self.gripper = gripper
@@ -31,11 +31,13 @@ class TopPlanner:
         """points (N, 3), m; up (3,) away from the table; table (4,), n·p + d = 0; obstacles (K, 3): of other things;
         viewpoint (3,): where the camera stood; unseen (U, 3): far ends of lines of sight without a measurement."""
         low, high = points.min(axis=0), points.max(axis=0)
-        width = float(high[1] - low[1])
+        narrow = int((high - low)[:2].argmin())
+        width = float((high - low)[narrow])
         if width > self.gripper.stroke:
             return GraspPlan(None, [], [], f"{1000 * width:.0f} mm wide; the gripper opens {self.gripper.stroke} m")
         pose = np.eye(4)
-        pose[:3, :3] = [[0, 1, 0], [1, 0, 0], [0, 0, -1]]  # columns: +x closes along y, +z approaches downwards
+        # Columns: +x closes along x or along y, +z approaches downwards.
+        pose[:3, :3] = [[[1, 0, 0], [0, -1, 0], [0, 0, -1]], [[0, 1, 0], [1, 0, 0], [0, 0, -1]]][narrow]
         pose[:3, 3] = (low + high) / 2
         pose[2, 3] = max(high[2] - self.depth, 0.04)  # the fingertips reach 33 mm beyond the pads' centre
         grasp = Grasp(pose, width, score=1.0, kind="region")
