@@ -75,16 +75,15 @@ def group_by_surfaces(
     """
     surfaces = Surfaces(image, plane, max_height)
     groups = group_patches(surfaces, relations)
-    number = _of_points(image, groups.labels, None if surfaces.relief is None else surfaces.relief.table)
-    table = None if surfaces.relief is None else surfaces.relief.table
-    number[~valid] = 0
-    above = None
-    if table is not None:
+    above, table, noise = None, None, 0.0
+    if surfaces.relief is not None:
+        table, noise = surfaces.relief.table, surfaces.relief.noise
         above = image.point_inverse_depth - table.ravel()[np.maximum(image.cells, 0)]
-    noise = 0.0 if surfaces.relief is None else surfaces.relief.noise
+    number = _of_points(image, groups.labels, table)
+    number[~valid] = 0
     thing = probability(relations.thing.log_odds(groups.features))
     whole = probability(relations.whole.log_odds(groups.features))
-    return SurfaceGroups(number, above, noise, thing, whole, groups.grouping.cuts())
+    return SurfaceGroups(number, above, noise, thing, whole, groups.grouping.cuts)
 
 
 def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None) -> Labels:

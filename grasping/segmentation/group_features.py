@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.segmentation.grouping import Grouping
-from grasping.segmentation.patch_measures import PatchMeasures
+from grasping.segmentation.patch_measures import PatchMeasures, extents, fit_quadratics
 from grasping.segmentation.table_relief import Relief
 
 FloatArray = NDArray[np.float64]
@@ -36,8 +36,9 @@ def group_features(
     patches = np.bincount(grouping.group, minlength=count).astype(np.float64)
     normal = np.linalg.norm(measures.normal, axis=1)
     rising = unknown if up is None else measures.normal @ up / np.maximum(normal, 1e-9)
-    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(measures.scatter), 0))
-    plane, quadric = (_error(measures, terms) for terms in (3, 6))
+    axes = extents(measures.scatter)
+    sums = (measures.moments, measures.products, measures.squares, measures.pixels)
+    plane, quadric = (fit_quadratics(*sums, terms)[0] for terms in (3, 6))
     strength = least = unknown
     if relief is not None:
         own = labels.ravel()
@@ -46,29 +47,19 @@ def group_features(
         least = np.bincount(own, over < 2, minlength=count) / pixels
     low, middle, high = measures.heights.T
     # Of its bounding ellipse, how much it fills; an ellipse's area is 4 π times the product of its deviations.
-    fill = measures.area / np.maximum(4 * np.pi * extents[:, 1] * extents[:, 2], 1e-9)
+    fill = measures.area / np.maximum(4 * np.pi * axes[:, 1] * axes[:, 2], 1e-9)
     join, cut, cuts, share = _sureness(grouping, count)
     rows = [measures.pixels, measures.area, patches, low, middle, high]
     rows += [*measures.sides.T, measures.edge, measures.outline / np.sqrt(pixels)]
-    rows += [plane, quadric, 1 - normal, rising, *extents.T, strength, least, fill, join, cut, cuts, share]
+    rows += [plane, quadric, 1 - normal, rising, *axes.T, strength, least, fill, join, cut, cuts, share]
     return np.stack(rows, axis=1).astype(np.float32)
-
-
-def _error(measures: PatchMeasures, terms: int) -> FloatArray:
-    """(G + 1,) root mean square distance, 1/m, from the least-squares surface."""
-    moments, products = measures.moments[:, :terms, :terms], measures.products[:, :terms]
-    scale = np.sqrt(np.maximum(np.einsum("pii->pi", moments), 1e-30))
-    normal = moments / (scale[:, :, None] * scale[:, None, :]) + 1e-9 * np.eye(terms)
-    factors = np.linalg.solve(normal, (products / scale)[..., None])[..., 0]
-    left = measures.squares - (factors * products / scale).sum(axis=1)
-    return np.sqrt(np.maximum(left, 0) / np.maximum(measures.pixels, 1))
 
 
 def _sureness(grouping: Grouping, count: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(G + 1,) each: the least sure join and cut, the number of cuts, and the length of borders that were cut."""
     join, cut, cuts, length = np.ones(count), np.ones(count), np.zeros(count), np.zeros(count)
     join[: len(grouping.joins)] = grouping.joins[:count]
-    for (one, other), sure in grouping.cuts().items():
+    for (one, other), sure in grouping.cuts.items():
         for group in (one, other):
             cut[group] = min(cut[group], sure)
             cuts[group] += 1

@@ -67,6 +67,7 @@ class Grouping:
                 one, other = group[self.first], group[self.second]
         return replace(self, group=group)
 
+    @cached_property
     def cuts(self) -> dict[tuple[int, int], float]:
         """For pairs of neighbouring objects, first < second, how sure, in [0, 1], they are two."""
         one, other = self.group[self.first], self.group[self.second]

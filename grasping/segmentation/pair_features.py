@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.patch_measures import PatchMeasures
+from grasping.segmentation.patch_measures import PatchMeasures, extents, fit_quadratics
 from grasping.segmentation.patch_pairs import IN_FRONT, Borders
 from grasping.segmentation.surface_fits import SurfaceFits
 
@@ -16,7 +16,6 @@ IntArray = NDArray[np.int64]
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 INNER = 2  # pixels from the border into a patch, where its plane is its own
 MOST_JUMP = 0.3  # 1/m
-LITTLE = 1e-9  # of a ridge in fits of few pixels
 
 AT_BORDER = (
     [f"jump_{round(100 * share)}" for share in QUANTILES]  # 1/m, + where the smaller patch is nearer
@@ -128,8 +127,8 @@ def shape_features(
     both = pixels[s] + pixels[l]
     rows: list[NDArray] = [hidden, at_hole]
     for terms in (3, 6):
-        error, factors = _fit(measures.moments, measures.products, measures.squares, pixels, terms)
-        united, _ = _fit(
+        error, factors = fit_quadratics(measures.moments, measures.products, measures.squares, pixels, terms)
+        united, _ = fit_quadratics(
             measures.moments[s] + measures.moments[l],
             measures.products[s] + measures.products[l],
             measures.squares[s] + measures.squares[l],
@@ -165,14 +164,14 @@ def shape_features(
     else:
         rise = between @ up
         rows += [rise / distance, np.sqrt(np.maximum(distance**2 - rise**2, 0))]
-    own = _extents(measures.scatter)
+    own = extents(measures.scatter)
     share = (pixels[s] * pixels[l] / both**2)[:, None, None]
     scatter = (
         measures.scatter[s] * (pixels[s] / both)[:, None, None]
         + measures.scatter[l] * (pixels[l] / both)[:, None, None]
         + share * between[:, :, None] * between[:, None, :]
     )
-    united_extents = _extents(scatter)
+    united_extents = extents(scatter)
     for axis in range(3):
         rows += [own[s, axis], own[l, axis], united_extents[:, axis]]
     rows += [(normal[s] * between).sum(axis=1) / distance, -(normal[l] * between).sum(axis=1) / distance]
@@ -199,19 +198,3 @@ def _at_middle(fits: SurfaceFits, found: Borders, pixel: IntArray, w: int) -> Fl
     column = (found.inner % w + found.outer % w) / 2 - pixel % w
     slope = fits.slopes.reshape(-1, 2)[pixel]
     return np.asarray(fits.inverse_depth.ravel()[pixel] + slope[:, 0] * column + slope[:, 1] * row)
-
-
-def _fit(
-    moments: FloatArray, products: FloatArray, squares: FloatArray, pixels: FloatArray, terms: int
-) -> tuple[FloatArray, FloatArray]:
-    """(P,) root mean square error, 1/m, and (P, terms) factors of the least-squares surface."""
-    scale = np.sqrt(np.maximum(np.einsum("pii->pi", moments[:, :terms, :terms]), 1e-30))
-    normal = moments[:, :terms, :terms] / (scale[:, :, None] * scale[:, None, :]) + LITTLE * np.eye(terms)
-    factors = np.linalg.solve(normal, (products[:, :terms] / scale)[..., None])[..., 0] / scale
-    left = squares - (factors * products[:, :terms]).sum(axis=1)
-    return np.sqrt(np.maximum(left, 0) / np.maximum(pixels, 1)), factors
-
-
-def _extents(scatter: FloatArray) -> FloatArray:
-    """(P, 3) standard deviations along the principal axes, m, rising."""
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(scatter), 0))

@@ -21,6 +21,7 @@ TALLEST, BINS = 0.512, 256  # m and number: heights are counted in bins of 2 mm
 LOW = 0.012  # m: a patch's pixel at the table's side as low as this stands on it
 SUMS = 1 + len(POWERS) + len(QUADRATIC) + 1 + 3 + 6 + 3 + 1 + 1  # see `sums_reference`
 SIDES = 5
+LITTLE = 1e-9  # of a ridge in fits of few pixels
 
 
 @dataclass(frozen=True)
@@ -158,3 +159,19 @@ def _quantiles(bins: FloatArray) -> FloatArray:
     total = upto[:, -1:]
     width = TALLEST / BINS
     return np.stack([(np.count_nonzero(upto < share * total, axis=1) + 0.5) * width for share in (0.05, 0.5, 0.95)], 1)
+
+
+def fit_quadratics(
+    moments: FloatArray, products: FloatArray, squares: FloatArray, pixels: FloatArray, terms: int
+) -> tuple[FloatArray, FloatArray]:
+    """(P,) root mean square error, 1/m, and (P, terms) factors of the least-squares surface."""
+    scale = np.sqrt(np.maximum(np.einsum("pii->pi", moments[:, :terms, :terms]), 1e-30))
+    normal = moments[:, :terms, :terms] / (scale[:, :, None] * scale[:, None, :]) + LITTLE * np.eye(terms)
+    factors = np.linalg.solve(normal, (products[:, :terms] / scale)[..., None])[..., 0] / scale
+    left = squares - (factors * products[:, :terms]).sum(axis=1)
+    return np.sqrt(np.maximum(left, 0) / np.maximum(pixels, 1)), factors
+
+
+def extents(scatter: FloatArray) -> FloatArray:
+    """(P, 3) standard deviations along the principal axes, m, rising."""
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(scatter), 0))
