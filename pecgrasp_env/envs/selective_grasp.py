@@ -19,36 +19,40 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 from pecgrasp_env.envs import reward, validation
 from pecgrasp_env.envs import task_state as outcome
 from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.episode_start import draw_start, fixed_meshes, visible_share
 from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
 from pecgrasp_env.envs.reset_options import read_options
+from pecgrasp_env.envs.restorable_env import RestorableEnv
 from pecgrasp_env.envs.validation import TaskError, take_options
 from pecgrasp_env.envs.words import Words
-from pecgrasp_env.envs.wrist_camera_env import NOISE, WristCameraEnv
+from pecgrasp_env.envs.wrist_camera_env import NOISE
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
+from pecgrasp_env.robot.answer import AnsweringUR5Robotiq2F140
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.robot.pad_contact import both_press, outward
 from pecgrasp_env.scene import table as workbench
 from pecgrasp_env.scene.actors import Recipe, SceneObjects, Wish
-from pecgrasp_env.scene.clutter import BIN, lay_out
-from pecgrasp_env.scene.placement import REGION, WIDE_REGION
+from pecgrasp_env.scene.clutter import BIN
+from pecgrasp_env.scene.draw_objects import STRANGER
 from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
-from pecgrasp_env.scene.visibility import box_mesh, lying_on, placed_mesh, visible_shares
+from pecgrasp_env.scene.visibility import lying_on, placed_mesh
 from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides
 from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV
 
 _FAR_APART = 0.03  # m, clearance from which on PhysX's persistent contact manifolds do no harm, see `fall`
-_MOST_IN_REGION = 5  # more objects are laid out in the wide one
 
 # Streams of random numbers of one episode: which objects and how they lie are drawn apart.
-_CHOICE, _LAYOUT, _NOISE, _PHYSICS, _LIGHT = 0, 1, NOISE, 3, 4
+_CHOICE, _LAYOUT, _NOISE, _PHYSICS, _LIGHT, _ABSENCE = 0, 1, NOISE, 3, 4, 5
 
 
-class SelectiveGraspEnv(WristCameraEnv):
+class SelectiveGraspEnv(RestorableEnv):
     """
     ## Description
     Several objects lie on a table, or in a bin on it. One class is asked for. The arm has to take hold of an object of
-    that class and to lift it; to lift another one, or to push anything off the table, is a failure.
+    that class and to lift it; to lift another one, or to push anything off the table, is a failure. Among the objects
+    may be strangers, things of none of the classes, which are never the right one; and with `absent` the asked-for
+    class may not be there at all, which is to be said.
 
     The world frame is the robot's base frame: z up, tabletop at z = 0, the objects in front of the robot within
     0.33 m < x < 0.67 m, abs(y) < 0.25 m. Lengths in metres, angles in radians, quaternions w, x, y, z. Control at
@@ -63,6 +67,9 @@ class SelectiveGraspEnv(WristCameraEnv):
     | `pd_ee_pose` | tool position, m, and XYZ Euler angles, rad, base frame | opening, m | force limit, N |
     | `pd_ee_delta_pose` | tool step, ±1 is ±0.1 m and ±0.1 rad | opening, −1 … 1 | force limit, −1 … 1 |
 
+    With `absent` it is `Box(9,)` in all of them: number 8, −1 … 1, says above 0.5 that no object of the asked-for class
+    is there, and that ends the episode.
+
     ## Observation Space
     In the mode `state_dict` (`state` is the same, flattened), first axis the sub-environments; all limits are finite:
     | key | shape | unit, frame | meaning |
@@ -75,8 +82,8 @@ class SelectiveGraspEnv(WristCameraEnv):
     | extra/tcp_pose | (7,) | m, wxyz; world | the fixed tool point, at the pads' centre of the closed gripper |
     | extra/opening | (1,) | m | measured gripper opening |
     | extra/force | (1,) | N | measured grip force, mean of both pads along the closing axis, 0 … 250 |
-    | extra/target_pose | (7,) | m, wxyz; world | in state modes only: the asked-for object, of twins the nearer |
-    | extra/object_poses | (7 · n_objects,) | m, wxyz; world | in state modes only: all objects, in no order |
+    | extra/target_pose | (7,) | m, wxyz; world | in state modes only: of the asked-for (nearer) object; 0 if absent |
+    | extra/object_poses | (7 · K,) | m, wxyz; world | in state modes only: all K objects, strangers too, in no order |
 
     `cloud` replaces the last two by what the wrist camera sees of the objects and the hand:
     | key | shape | unit, frame | meaning |
@@ -105,8 +112,8 @@ class SelectiveGraspEnv(WristCameraEnv):
 
     | at the end | |
     |---|---|
-    | success (instead of the step's progress) | 5 |
-    | failure (besides it) | −1 |
+    | success, be it lifted or rightly said to be absent (instead of the step's progress) | 5 |
+    | failure, also wrongly said to be absent (besides it) | −1 |
 
     `normalized_dense` is a fifth of it.
 
@@ -116,8 +123,13 @@ class SelectiveGraspEnv(WristCameraEnv):
     onto each other ("piled"), or dropped into a bin ("bin"), which stands at (0.5, 0), is 0.25 m wide along x, 0.35 m
     along y and 0.12 m high inside, its bottom and walls 6 mm thick. Their classes all differ while there are enough of
     them; one is asked for. Where there are more objects than classes, others than the asked-for one come twice or more.
-    With `same_class_twins` the asked-for class is there twice, and either of the two is right. The arm hangs over the
-    table in its home posture, the camera looking at the objects, ± `joint_noise`.
+    With `same_class_twins` the asked-for class is there twice, and either of the two is right. With `n_strangers` so
+    many strangers lie among them, different ones while there are enough. More than 5 objects in all are spread over
+    0.30 m < x < 0.67 m, abs(y) < 0.33 m. The arm hangs over the table in its home posture, the camera looking at the
+    objects, ± `joint_noise`.
+
+    With `absent` one class always stays away, so that what lies there tells nothing: the objects are drawn from the
+    other classes, and with the probability `absent` one that is not there is asked for.
 
     Everything is drawn by generators of the sub-environment, so that an episode depends on its seed and neither on the
     number of environments nor on what came before; where objects are drawn once only (`reconfiguration_freq`), they
@@ -129,14 +141,18 @@ class SelectiveGraspEnv(WristCameraEnv):
     |---|---|
     | target | the class that is asked for; new objects are drawn so that it is there, those that stay must have it |
     | objects | what lies there, in this order: `n_objects` names of classes, of instances, or class/instance |
+    | strangers | which strangers, by their names: `n_strangers` of them |
+    | absent | whether the asked-for class is away, True or False; needs an environment made with `absent` |
     | reconfigure, env_idx, reset_to_env_states | ManiSkill's |
 
-    With `objects` the scene is built anew; of them one is asked for. With several sub-environments either may be a list
-    with one entry for each of those that are reset. Others raise `TaskError`.
+    With `objects` or `strangers` the scene is built anew; of the objects one is asked for, or with `absent` one that is
+    not among them. With several sub-environments each option may be a list with one entry for each of those that are
+    reset. Others raise `TaskError`.
 
     ## Episode End
     Terminated on success: an object of the asked-for class is held, at least 0.15 m of air under all of it, and moves
-    slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. Truncated after 400 steps.
+    slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. With `absent` also terminated as soon as
+    the class is said not to be there: a success where it is not, a failure where it is. Truncated after 400 steps.
 
     With `clear` an object may be taken away once both pads press on it while it lies on one of the asked-for class and
     has risen by no more than 0.05 m since the start. It lies on another where, seen from straight above, 1 cm² of it or
@@ -155,16 +171,21 @@ class SelectiveGraspEnv(WristCameraEnv):
     | disturbance_m | how far the other object that was moved most is from where it lay at the start, m |
     | target_held, wrong_held | both pads press on an object of the asked-for class, on a wrong one |
     | visible_share | share of the asked-for object in the wrist camera that nothing hides at the start, exact |
-    | target_distance | from the pads' centre to the nearest object of the asked-for class, m |
+    | target_distance | from the pads' centre to the nearest object of the asked-for class, m; inf if absent |
     | grip_force | as `extra/force`, N |
     | target_air, target_speed | air under the asked-for object, m, and its speed, m/s; of twins the one that is up |
     | target | the asked-for class as text, an array of words |
+    | stranger_lifted | with `n_strangers`: the wrong object is one of these |
+    | absent, said_absent | with `absent`: no object of the asked-for class is there; it was said |
     | planner_reason | what was last given to `set_planner_reason` in this episode, or "" |
 
     ## Arguments
     | name | default | meaning |
     |---|---|---|
-    | `n_objects` | 3 | 1 … 8, piled or in a bin … 15; more than 5 are spread over 0.30 < x < 0.67, abs(y) < 0.33 |
+    | `n_objects` | 3 | 1 … 8, piled or in a bin … 15, of the classes |
+    | `n_strangers` | 0 | further objects that are of none of them; together as many at most as above |
+    | `strangers` | None | where they come from: a folder of meshes, or an opened source |
+    | `absent` | False | the asked-for class is not there, to be said: True, or the probability of it |
     | `classes` | None | what may lie there, in the one-hot's order; None: the LARS five, or all of a folder or source |
     | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
     | `clutter` | "apart" | "apart", "close", "touching", "piled" or "bin", see Starting State |
@@ -194,9 +215,8 @@ class SelectiveGraspEnv(WristCameraEnv):
     - v1: first version.
     """
 
-    SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid,)
+    SUPPORTED_ROBOTS = (UR5Robotiq2F140.uid, AnsweringUR5Robotiq2F140)
     SUPPORTED_REWARD_MODES = ("normalized_dense", "dense", "sparse", "none")
-    agent: UR5Robotiq2F140
 
     def __init__(
         self,
@@ -217,7 +237,9 @@ class SelectiveGraspEnv(WristCameraEnv):
             kwargs["render_backend"] = "none"
         validation.check_obs_mode(obs_mode, kwargs.get("render_backend", "gpu"))
         validation.check_simulator(num_envs, sim_backend, kwargs.get("parallel_in_single_scene", False))
-        robot = validation.check_robot(robot_uids, UR5Robotiq2F140)
+        robot: Any = validation.check_robot(robot_uids, UR5Robotiq2F140)
+        if self.layout.answers:
+            robot = AnsweringUR5Robotiq2F140
         self.source, self.classes = self.layout.open()
         self.recipe = Recipe(
             self.source,
@@ -226,9 +248,12 @@ class SelectiveGraspEnv(WristCameraEnv):
             self.layout.same_class_twins,
             self.randomisation.friction,
             self.randomisation.mass_scale,
+            self.layout.n_strangers,
+            self.layout.open_strangers(),
+            float(self.layout.absent) if self.layout.answers else None,
         )
         self._only_cloud = obs_mode == "cloud"
-        self._fixed = [box_mesh(*box) for box in BIN.boxes()] if self.layout.clutter == "bin" else []
+        self._fixed = fixed_meshes(self.layout.clutter)
         self._shown: dict[str, LazyImages] = {}
         self._wishes = [Wish()] * num_envs
         if reconfiguration_freq is None:
@@ -301,7 +326,7 @@ class SelectiveGraspEnv(WristCameraEnv):
         physics = [self._generator(i, _PHYSICS) for i in range(self.num_envs)]
         self.table = SceneObjects(self, self.recipe, draws, physics, self._wishes)
         self.models, self.objects = self.table.models, self.table.actors
-        self.memory = outcome.Memory.empty(self.table.instances)
+        self.memory = outcome.Memory.empty(self.table.instances, self.layout.answers)
         self.target_names = [""] * self.num_envs
         self._planner_reasons = [""] * self.num_envs
 
@@ -314,22 +339,26 @@ class SelectiveGraspEnv(WristCameraEnv):
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         indices = env_idx.tolist()
         self._set_scene_config()  # the private scene of the fall takes the physics engine's current settings
-        layout = self.layout
-        region = REGION if layout.n_objects <= _MOST_IN_REGION else WIDE_REGION
-        poses = np.zeros((len(indices), layout.n_objects, 7))
+        poses = np.zeros((len(indices), self.recipe.n_slots, 7))
         asked, noise = np.zeros(len(indices), np.int64), np.zeros(len(indices), np.int64)
         visible = np.zeros(len(indices), np.float32)
         home = np.asarray(self.agent.keyframes["home"].qpos, dtype=np.float32)
         qpos = np.tile(home, (len(indices), 1))
         for row, i in enumerate(indices):
             rng = self._generator(i, _LAYOUT)
-            drawn = self.classes.index(self.models[i][int(rng.choice(self.table.askable[i]))].class_name)
-            wanted = self._wishes[i].target
-            asked[row] = drawn if wanted is None else wanted
-            poses[row] = lay_out(self.models[i], rng, region, layout.clutter, layout.clearance)
-            qpos[row, :6] += rng.uniform(-layout.joint_noise, layout.joint_noise, size=6)
             noise[row] = self._generator(i, _NOISE).integers(2**31)
-            visible[row] = self._visible_share(i, poses[row], qpos[row, :6], int(asked[row]))
+            absence = self._generator(i, _ABSENCE) if self.layout.answers else None
+            start = draw_start(self.table, i, self.layout, self._wishes[i], rng, absence)
+            asked[row], poses[row] = start.asked, start.poses
+            qpos[row, :6] += start.joint_offsets
+            visible[row] = visible_share(
+                self.models[i],
+                start.poses,
+                [k == start.asked for k in self.table.slot_class[i].tolist()],
+                self._fixed,
+                forward_kinematics(qpos[row, :6]) @ T_TOOL0_CAMERA @ self._T_link_camera,
+                self._intrinsics,
+            )
             self.target_names[i] = self.classes[asked[row]]
             self._planner_reasons[i] = ""
         placed = torch.tensor(poses, dtype=torch.float32, device=self.device)
@@ -343,14 +372,6 @@ class SelectiveGraspEnv(WristCameraEnv):
         air = outcome.air_below(placed, self.table.hull_vertices[env_idx])
         self.memory.begin(env_idx, asked_for, placed[..., :3], air, noise_seeds, shares)
 
-    def _visible_share(self, env_index: int, poses: np.ndarray, q: np.ndarray, asked: int) -> float:
-        """Of the asked-for object, of twins the one that is seen better; poses (K, 7), joint angles (6,)."""
-        models = self.models[env_index]
-        meshes = [placed_mesh(model, pose) for model, pose in zip(models, poses, strict=True)]
-        T_world_camera = forward_kinematics(q) @ T_TOOL0_CAMERA @ self._T_link_camera
-        shares = visible_shares([*meshes, *self._fixed], T_world_camera, self._intrinsics)
-        return max(float(shares[k]) for k, model in enumerate(models) if model.class_name == self.classes[asked])
-
     @property
     def target_class(self) -> torch.Tensor:
         """Index of the asked-for class in ``classes``, (num_envs,)."""
@@ -358,8 +379,13 @@ class SelectiveGraspEnv(WristCameraEnv):
 
     @property
     def is_target(self) -> torch.Tensor:
-        """Which objects are of the asked-for class, (num_envs, n_objects) bool."""
+        """Which objects are of the asked-for class, (num_envs, K) bool."""
         return self.table.slot_class == self.memory.asked[:, None]
+
+    @property
+    def is_stranger(self) -> torch.Tensor:
+        """Which objects are strangers, (num_envs, K) bool."""
+        return self.table.slot_class == STRANGER
 
     def set_planner_reason(self, reason: str, env_index: int = 0) -> None:
         """Say why a planner finds no grasp, or what else it has to say: ``info["planner_reason"]`` of the following
@@ -373,14 +399,7 @@ class SelectiveGraspEnv(WristCameraEnv):
         self, seed: int | list[int] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """As ManiSkill's tasks; the card above says which ``options`` there are. Raises TaskError for others."""
-        theirs, self._wishes = read_options(
-            options,
-            self.source,
-            self.classes,
-            self.layout.n_objects,
-            self.layout.same_class_twins,
-            self.num_envs,
-        )
+        theirs, self._wishes = read_options(options, self.recipe, self.num_envs)
         draws_anew = self._reconfig_counter == 0 and self.reconfiguration_freq != 0
         if not (theirs.get("reconfigure") or draws_anew):
             self._check_targets()
@@ -391,9 +410,13 @@ class SelectiveGraspEnv(WristCameraEnv):
         return obs, info
 
     def _check_targets(self) -> None:
+        """Of objects that stay where they are one cannot ask for what is not there, nor for its absence if it is."""
         for i, wish in enumerate(self._wishes):
+            if wish.target is None:
+                continue
             there = [model.class_name for model in self.models[i]]
-            if wish.target is not None and self.classes[wish.target] not in there:
+            is_there = self.classes[wish.target] in there
+            if wish.absent is is_there or not (is_there or self.layout.answers):
                 raise TaskError(
                     f"options={{'target': {self.classes[wish.target]!r}}}: on the table are {', '.join(there)}, which "
                     "stay there; new ones come with options={'reconfigure': True, …} or {'objects': […], …}"
@@ -401,7 +424,9 @@ class SelectiveGraspEnv(WristCameraEnv):
 
     def _before_control_step(self) -> None:
         poses = self.table.poses()
-        self.memory.note(poses[..., :3], outcome.air_below(poses, self.table.hull_vertices), self.is_target)
+        said = self.agent.said_absent if isinstance(self.agent, AnsweringUR5Robotiq2F140) else None
+        air = outcome.air_below(poses, self.table.hull_vertices)
+        self.memory.note(poses[..., :3], air, self.is_target, said)
 
     def evaluate(self) -> dict[str, Any]:
         poses = self.table.poses()
@@ -418,7 +443,15 @@ class SelectiveGraspEnv(WristCameraEnv):
         self._nearest = nearest.indices
         return {
             "elapsed_steps": self._elapsed_steps.clone(),
-            **outcome.judge(self.memory, self.is_target, positions, air, held, self.control_freq),
+            **outcome.judge(
+                self.memory,
+                self.is_target,
+                positions,
+                air,
+                held,
+                self.control_freq,
+                self.is_stranger if self.layout.n_strangers else None,
+            ),
             "target_distance": nearest.values,
             "grip_force": squeeze(forces, directions),
             "target": Words.of(self.target_names),
@@ -432,43 +465,6 @@ class SelectiveGraspEnv(WristCameraEnv):
             upon = torch.as_tensor(lying_on(meshes), device=self.device)
             self.memory.may_take[i] |= taken[i] & upon[:, self.is_target[i]].any(dim=1)
 
-    # ------------------------------------------------------------------ state
-
-    def get_state_dict(self) -> dict[str, Any]:
-        """The state of the simulation, of the controllers, and of the task: `outcome.Memory`, step, joints before."""
-        task = self.memory.to_state()
-        task["elapsed_steps"] = self._elapsed_steps[:, None].float()
-        task["qpos_before"] = self.agent._qpos_before.clone()
-        return {**super().get_state_dict(), "task": task}
-
-    def set_state_dict(self, state: dict[str, Any], env_idx: torch.Tensor | None = None) -> None:
-        """Put the sub-environments ``env_idx`` (all) into a state of `get_state_dict`, or of a recorded trajectory.
-
-        What PhysX remembers of contacts is no part of it: what pads feel is known after the next step.
-
-        Raises:
-            TaskError: the state is of other objects than those on the table.
-        """
-        rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
-        task, controllers_then = (outcome.batched(state[key], self.device) for key in ("task", "controller"))
-        if not torch.equal(task["instances"].long(), self.memory.instances[rows]):
-            raise TaskError("state: is of other objects; reset with the seed of its episode first")
-        super().set_state_dict(state, env_idx)
-        controllers = self.agent.get_controller_state()
-        for name, values in controllers_then.items():
-            for key, value in values.items():
-                controllers[name][key][rows] = value.clone()  # which may be what it is to replace
-        self.agent.set_controller_state(controllers)
-        self.memory.restore(task, rows)
-        self._elapsed_steps[rows] = task["elapsed_steps"][:, 0].to(self._elapsed_steps.dtype)
-        self.agent._qpos_before[rows] = task["qpos_before"]
-        for i in rows.tolist():
-            self.target_names[i] = self.classes[int(self.memory.asked[i])]
-
-    def set_state(self, state: torch.Tensor, env_idx: torch.Tensor | None = None) -> None:
-        """The same from a flat state (N, D) of `get_state`."""
-        self.set_state_dict(outcome.unflatten(state, self._init_raw_state)[0], env_idx)
-
     # ------------------------------------------------------------ observation
 
     def _get_obs_extra(self, info: dict) -> dict[str, torch.Tensor]:
@@ -481,6 +477,7 @@ class SelectiveGraspEnv(WristCameraEnv):
         if self.obs_mode_struct.use_state:
             poses = self.table.poses()
             target_pose = poses[torch.arange(self.num_envs, device=self.device), self._nearest]
+            target_pose = target_pose.masked_fill(~self.is_target.any(dim=1, keepdim=True), 0.0)
             observation |= {"target_pose": target_pose, "object_poses": poses.flatten(1)}
         return observation
 

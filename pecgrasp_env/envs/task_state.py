@@ -32,6 +32,7 @@ class Memory:
     potential: (N,) of the reward after the last control step, NaN where none was taken.
     noise_seed: (N,) long below 2^31, of the sensor's noise and the sampling of clouds.
     visible_share: (N,) at the start. may_take: (N, K) bool, objects that it is no failure to take away.
+    said_absent: (N,) bool, it was said that the asked-for class is not there; None where that cannot be said.
     """
 
     asked: torch.Tensor
@@ -45,10 +46,11 @@ class Memory:
     noise_seed: torch.Tensor
     visible_share: torch.Tensor
     may_take: torch.Tensor
+    said_absent: torch.Tensor | None = None
 
     @classmethod
-    def empty(cls, instances: torch.Tensor) -> Memory:
-        """For objects that have just been loaded; instances: (N, K) long."""
+    def empty(cls, instances: torch.Tensor, answers: bool = False) -> Memory:
+        """For objects that have just been loaded; instances: (N, K) long. answers: absence can be said."""
         (n, k), device = instances.shape, instances.device
         return cls(
             asked=torch.zeros(n, dtype=torch.long, device=device),
@@ -62,6 +64,7 @@ class Memory:
             noise_seed=torch.zeros(n, dtype=torch.long, device=device),
             visible_share=torch.zeros(n, device=device),
             may_take=torch.zeros(n, k, dtype=torch.bool, device=device),
+            said_absent=torch.zeros(n, dtype=torch.bool, device=device) if answers else None,
         )
 
     def begin(
@@ -85,9 +88,17 @@ class Memory:
         self.was_lifted[env_idx] = False
         self.dropped[env_idx] = False
         self.potential[env_idx] = torch.nan
+        if self.said_absent is not None:
+            self.said_absent[env_idx] = False
 
-    def note(self, positions: torch.Tensor, air: torch.Tensor, is_asked: torch.Tensor) -> None:
-        """Before a control step: where the objects (N, K, 3) are and how much air (N, K) is under them."""
+    def note(
+        self, positions: torch.Tensor, air: torch.Tensor, is_asked: torch.Tensor, said: torch.Tensor | None = None
+    ) -> None:
+        """Before a control step: where the objects (N, K, 3) are, how much air (N, K) is under them, and whether the
+        action says (N,) that the asked-for class is not there.
+        """
+        if said is not None and self.said_absent is not None:
+            self.said_absent |= said
         risen = air - self.air_at_start
         self.was_lifted |= is_asked & (risen > LIFTED_HEIGHT)
         self.dropped |= (self.was_lifted & (risen < LANDED_HEIGHT)).any(dim=1)
@@ -110,6 +121,8 @@ class Memory:
             "visible_share": self.visible_share[:, None],
             "may_take": self.may_take,
         }
+        if self.said_absent is not None:
+            tensors["said_absent"] = self.said_absent[:, None]
         return {name: tensor.to(torch.float32, copy=True) for name, tensor in tensors.items()}
 
     def restore(self, state: dict[str, torch.Tensor], env_idx: torch.Tensor) -> None:
@@ -126,6 +139,8 @@ class Memory:
         self.noise_seed[env_idx] = (high << 16) + low
         self.visible_share[env_idx] = state["visible_share"][:, 0]
         self.may_take[env_idx] = state["may_take"] > 0.5
+        if self.said_absent is not None:
+            self.said_absent[env_idx] = state["said_absent"][:, 0] > 0.5
 
 
 def air_below(poses: torch.Tensor, hull_vertices: torch.Tensor) -> torch.Tensor:
@@ -144,10 +159,11 @@ def judge(
     air: torch.Tensor,
     held: torch.Tensor,
     control_freq: float,
+    is_stranger: torch.Tensor | None = None,
 ) -> dict[str, torch.Tensor]:
     """What the present moment is, one value a sub-environment, (N,); the meaning of each key is in the task's card.
 
-    is_asked, air, held: (N, K). positions: (N, K, 3) m. control_freq: Hz.
+    is_asked, air, held: (N, K). positions: (N, K, 3) m. control_freq: Hz. is_stranger: (N, K), None without strangers.
     """
     speeds = torch.linalg.norm(positions - memory.before, dim=2) * control_freq
     asked_held = held & is_asked
@@ -155,12 +171,22 @@ def judge(
     carried = (air + 1e3 * asked_held).masked_fill(~is_asked, -torch.inf).argmax(dim=1, keepdim=True)
     wrong = ~is_asked & ~memory.may_take
     risen = air - memory.air_at_start
-    wrong_object = ((risen > WRONG_LIFT_HEIGHT) & wrong).any(dim=1)
+    lifted_wrongly = (risen > WRONG_LIFT_HEIGHT) & wrong
+    wrong_object = lifted_wrongly.any(dim=1)
     off_table = (air < OFF_TABLE_HEIGHT).any(dim=1)
     fail = wrong_object | off_table
+    success = (asked_held & (air >= LIFT_HEIGHT) & (speeds < STILL_SPEED)).any(dim=1)
+    there = is_asked.any(dim=1)
+    more: dict[str, torch.Tensor] = {}
+    if is_stranger is not None:
+        more["stranger_lifted"] = (lifted_wrongly & is_stranger).any(dim=1)
+    if memory.said_absent is not None:
+        more |= {"absent": ~there, "said_absent": memory.said_absent.clone()}
+        fail = fail | (memory.said_absent & there)
+        success = success | (memory.said_absent & ~there)
     shifted = torch.linalg.norm(positions - memory.start, dim=2)
     return {
-        "success": (asked_held & (air >= LIFT_HEIGHT) & (speeds < STILL_SPEED)).any(dim=1) & ~fail,
+        "success": success & ~fail,
         "fail": fail,
         "wrong_object": wrong_object,
         "off_table": off_table,
@@ -168,9 +194,10 @@ def judge(
         "disturbance_m": shifted.masked_fill(is_asked, 0.0).amax(dim=1),
         "target_held": asked_held.any(dim=1),
         "wrong_held": (held & wrong).any(dim=1),
-        "target_air": air.gather(1, carried)[:, 0],
-        "target_speed": speeds.gather(1, carried)[:, 0],
+        "target_air": air.gather(1, carried)[:, 0].masked_fill(~there, 0.0),
+        "target_speed": speeds.gather(1, carried)[:, 0].masked_fill(~there, 0.0),
         "visible_share": memory.visible_share.clone(),
+        **more,
     }
 
 

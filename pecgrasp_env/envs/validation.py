@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pecgrasp_env.objects import LARS_CLASSES, open_objects
+from pecgrasp_env.objects.strangers import UNKNOWN, Strangers, open_strangers
 from pecgrasp_env.scene.clutter import CLUTTERS, MOST_OBJECTS
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, intrinsics_of
 
@@ -57,20 +58,37 @@ class SceneOptions:
     clear: bool = False
     clearance: float = 0.03
     joint_noise: float = 0.02
+    n_strangers: int = 0
+    strangers: Any = None
+    absent: bool | float = False
 
     def __post_init__(self) -> None:
         fewest = 2 if self.same_class_twins else 1
         if self.clutter not in CLUTTERS:
             raise TaskError(f"clutter={self.clutter!r}: must be one of {CLUTTERS}")
         most = MOST_OBJECTS[self.clutter]
+        if not 0 <= self.n_strangers <= most - fewest:
+            raise TaskError(
+                f"n_strangers={self.n_strangers}: must be between 0 and {most - fewest} with clutter={self.clutter!r}"
+            )
+        most -= self.n_strangers
+        if self.n_strangers and self.strangers is None:
+            raise TaskError(f"strangers=None: n_strangers={self.n_strangers} need a folder of meshes to come from")
         if not fewest <= self.n_objects <= most:
-            more = [f"{name!r} {each}" for name, each in MOST_OBJECTS.items() if each > most]
+            more = [
+                f"{name!r} {each - self.n_strangers}"
+                for name, each in MOST_OBJECTS.items()
+                if each > MOST_OBJECTS[self.clutter]
+            ]
             raise TaskError(
                 f"n_objects={self.n_objects}: must be between {fewest} and {most} with clutter={self.clutter!r}"
+                + (f" and n_strangers={self.n_strangers}" if self.n_strangers else "")
                 + (f"; there is room for more with {', '.join(more)}" if more else "")
             )
+        if not 0 <= self.absent <= 1:
+            raise TaskError(f"absent={self.absent}: must be False, True, or a probability in [0, 1]")
         if self.classes is not None:
-            _check_classes(tuple(self.classes), self.n_objects, fewest)
+            self._check_classes(tuple(self.classes))
         for name, value in (("clearance", self.clearance), ("joint_noise", self.joint_noise)):
             if not 0 <= value < float("inf"):
                 raise TaskError(f"{name}={value}: must be a number and not negative")
@@ -78,18 +96,32 @@ class SceneOptions:
     def open(self) -> tuple[Any, tuple[str, ...]]:
         """As `open_source`, with classes enough for what is to lie on the table."""
         source, classes = open_source(self.objects, self.classes)
-        _check_classes(classes, self.n_objects, 2 if self.same_class_twins else 1)
+        self._check_classes(classes)
         return source, classes
 
+    def open_strangers(self) -> Strangers | None:
+        """Where strangers come from; None without them. Raises ObjectError as `open_strangers` does."""
+        return open_strangers(self.strangers) if self.n_strangers else None
 
-def _check_classes(classes: tuple[str, ...], n_objects: int, fewest: int) -> None:
-    if len(set(classes)) != len(classes) or not classes:
-        raise TaskError(f"classes={classes}: must name at least one class, each once")
-    if len(classes) == 1 and n_objects > fewest:
-        raise TaskError(
-            f"n_objects={n_objects}: others than the asked-for one need another class in classes, which are {classes}; "
-            f"or set n_objects={fewest}"
-        )
+    @property
+    def answers(self) -> bool:
+        """Whether the actions have the number that says that the asked-for class is not there."""
+        return self.absent is not False
+
+    def _check_classes(self, classes: tuple[str, ...]) -> None:
+        if len(set(classes)) != len(classes) or not classes:
+            raise TaskError(f"classes={classes}: must name at least one class, each once")
+        if UNKNOWN in classes and self.n_strangers:
+            raise TaskError(f"classes={classes}: strangers are called {UNKNOWN!r}, so no class can be")
+        fewest = 2 if self.same_class_twins else 1
+        away = "" if not self.answers else f", and absent={self.absent} one that stays away"
+        if len(classes) - self.answers < 1:
+            raise TaskError(f"absent={self.absent}: needs another class than the absent one in classes, now {classes}")
+        if len(classes) - self.answers == 1 and self.n_objects > fewest:
+            raise TaskError(
+                f"n_objects={self.n_objects}: others than the asked-for one need another class in classes{away}; they "
+                f"are {classes}; or set n_objects={fewest}"
+            )
 
 
 def open_source(objects: Any, classes: Sequence[str] | None) -> tuple[Any, tuple[str, ...]]:

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from pecgrasp_env.objects import ObjectModel
+from pecgrasp_env.objects.strangers import Strangers
+
+STRANGER = -1  # instead of the index of a class
 
 
 def draw_classes(
@@ -34,11 +37,47 @@ def draw_classes(
 
 
 def askable(slot_classes: np.ndarray, twins: bool) -> np.ndarray:
-    """Which of the objects (n_objects,) may be the asked-for one: those whose class is there once, with ``twins``
-    twice. Returns their indices.
+    """Which of the objects (K,) may be the asked-for one: those whose class is there once, with ``twins`` twice; never
+    a stranger, whose class is `STRANGER`. Returns their indices.
     """
-    counts = np.bincount(slot_classes)[slot_classes]
-    return np.flatnonzero(counts == (2 if twins else 1))
+    known = slot_classes != STRANGER
+    counts = np.bincount(slot_classes[known], minlength=1)[slot_classes]
+    return np.flatnonzero(known & (counts == (2 if twins else 1)))
+
+
+def leave_out(
+    n_classes: int, rng: np.random.Generator, wanted: int | None, absent: bool | None, chance: float
+) -> tuple[list[int], int | None]:
+    """The classes that may lie there where one stays away, and which of them, by its place, has to be there.
+
+    wanted: the class that is asked for, None: it is drawn later, among those there or those away. absent: whether it is
+    the one that stays away; None: with the probability ``chance``.
+    """
+    if wanted is None:
+        away = int(rng.integers(n_classes))
+    elif rng.random() < chance if absent is None else absent:
+        away = wanted
+    else:
+        away = (wanted + 1 + int(rng.integers(n_classes - 1))) % n_classes
+    there = [k for k in range(n_classes) if k != away]
+    return there, None if wanted in (None, away) else there.index(wanted)
+
+
+def mix_in(known: list[ObjectModel], strangers: list[ObjectModel], rng: np.random.Generator) -> list[ObjectModel]:
+    """All of them, the known ones in their order, and strangers anywhere between: a number tells nothing."""
+    places = set(rng.choice(len(known) + len(strangers), len(strangers), replace=False).tolist())
+    of_known, of_strangers = iter(known), iter(strangers)
+    return [next(of_strangers if k in places else of_known) for k in range(len(known) + len(strangers))]
+
+
+def draw_strangers(
+    source: Strangers, n: int, rng: np.random.Generator, given: Sequence[int] | None = None
+) -> list[ObjectModel]:
+    """``n`` strangers, different ones while there are enough. given: their numbers, where they are not drawn."""
+    if given is None:
+        there = len(source.names)
+        given = np.concatenate([rng.permutation(there) for _ in range(-(-n // there))])[:n].tolist()
+    return [source.load(i) for i in given]
 
 
 def draw_instances(

@@ -39,6 +39,8 @@ def _parts(value: Any) -> Iterator[bytes]:
         value = value.item()
     if hasattr(value, "detach"):  # a tensor
         value = value.detach().cpu().numpy()
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        value = value.tolist()  # its bytes are addresses
     if isinstance(value, np.ndarray):
         yield f"array {value.dtype.str} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes()
     elif isinstance(value, float):

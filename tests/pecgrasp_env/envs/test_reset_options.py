@@ -1,5 +1,7 @@
 """`reset(options=…)`: the class that is asked for, the objects on the table, and errors that name the options."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ import pecgrasp_env  # noqa: F401  (registers the task)
 from pecgrasp_env.envs.reset_options import read_options
 from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.objects import Catalogue
+from pecgrasp_env.scene.actors import Recipe
 
 CLASSES = ("can", "box", "mouse", "stapler")
 SOURCE = Catalogue(CLASSES, instances_per_class=3, seed=7)
+RECIPE = Recipe(SOURCE, CLASSES, 2, False, None, None)
 MAKE = {"render_backend": "cpu", "objects": SOURCE, "n_objects": 2}
 
 
@@ -91,7 +95,7 @@ def test_where_objects_stay_a_target_must_be_one_of_them(fixed):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"targets": "can"}, "'targets'.*target, objects, reconfigure, env_idx"),
+        ({"targets": "can"}, "'targets'.*target, objects, strangers, absent, reconfigure, env_idx"),
         ({"target": "unicorn"}, "unicorn.*can, box, mouse, stapler"),
         ({"target": ["can", "box"]}, "one for each of 1"),
         ({"objects": "can"}, "must be a list"),
@@ -109,14 +113,14 @@ def test_options_that_make_no_sense_are_named(single, options, words):
 
 def test_each_sub_environment_has_its_own_wish():
     options = {"target": [None, "box"], "objects": [["can", "mouse"], ["box", "can/can_0009"]]}
-    theirs, (first, second) = read_options(options, SOURCE, CLASSES, 2, False, 2)
+    theirs, (first, second) = read_options(options, RECIPE, 2)
     assert theirs == {"reconfigure": True}
     assert (first.target, second.target) == (None, 1)
     assert second.objects == (("box", None), ("can", 2))
     some = {"env_idx": torch.tensor([2]), "target": "mouse"}
-    _, wishes = read_options(some, SOURCE, CLASSES, 2, False, 3)
+    _, wishes = read_options(some, RECIPE, 3)
     assert [wish.target for wish in wishes] == [None, None, 2]
     with pytest.raises(TaskError, match="all sub-environments"):
-        read_options({"env_idx": [0], "objects": ["can", "box"]}, SOURCE, CLASSES, 2, False, 2)
+        read_options({"env_idx": [0], "objects": ["can", "box"]}, RECIPE, 2)
     with pytest.raises(TaskError, match="same_class_twins"):
-        read_options({"objects": ["can", "box"]}, SOURCE, CLASSES, 2, True, 1)
+        read_options({"objects": ["can", "box"]}, replace(RECIPE, twins=True), 1)

@@ -77,7 +77,7 @@ def test_the_card_describes_every_observation_and_every_info(env):
 
 
 def _size(value):
-    named = {5: "n_classes", 21: "7 · n_objects"}
+    named = {5: "n_classes", 21: "7 · K"}
     return named.get(value.shape[1], value.shape[1])
 
 
