@@ -1,4 +1,4 @@
-"""Objects to grasp: a procedural catalogue, and folders of one's own meshes."""
+"""Objects to grasp: a procedural catalogue, folders of one's own meshes, and strangers to the classes of either."""
 
 from __future__ import annotations
 
@@ -10,17 +10,23 @@ from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.meshing.mesh_cache import Part
 from pecgrasp_env.objects.model import ObjectModel
 from pecgrasp_env.objects.procedural.catalogue import CLASSES, LARS_CLASSES, Catalogue, make_object
+from pecgrasp_env.objects.procedural.strangers.draw import DrawnStrangers, stranger, strangers_for
+from pecgrasp_env.objects.strangers import UNKNOWN
 
 __all__ = [
     "CLASSES",
     "LARS_CLASSES",
+    "UNKNOWN",
     "Catalogue",
+    "DrawnStrangers",
     "MeshFolder",
     "ObjectError",
     "ObjectModel",
     "Part",
     "make_object",
     "open_objects",
+    "stranger",
+    "strangers_for",
 ]
 
 

@@ -1,0 +1,146 @@
+"""Draws strangers: of any form, or near given classes, never a thing that is one of them in all but name.
+
+A stranger is left out and drawn again where it is kin by name (a cup is kin of a mug, so where there are mugs, no cups
+are drawn) or too much alike by shape and size to a member of a class. So a folder of one's own meshes needs no word of
+what is kin of what.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from pecgrasp_env.objects.errors import ObjectError
+from pecgrasp_env.objects.model import Draft, ObjectModel, assemble
+from pecgrasp_env.objects.procedural.catalogue import CLASSES, make_object
+from pecgrasp_env.objects.procedural.primitives import PRIMITIVES
+from pecgrasp_env.objects.procedural.strangers import assembled, blended
+from pecgrasp_env.objects.procedural.strangers.likeness import Likeness
+from pecgrasp_env.objects.procedural.strangers.near import deformed, fragment, fused
+from pecgrasp_env.objects.strangers import UNKNOWN
+
+__all__ = ["FORMS", "DrawnStrangers", "kin_of", "stranger", "strangers_for"]
+
+FORMS: dict[str, Callable[[np.random.Generator], Draft]] = {
+    **PRIMITIVES,
+    **{name: getattr(assembled, name) for name in assembled.__all__ if name not in ("mass_of", "paint", "between")},
+    **{name: getattr(blended, name) for name in blended.__all__},
+}
+"""Generators of composed strangers, each drawn equally often, the plain ones of `PRIMITIVES` a third as often."""
+
+_KIN = (
+    {"joypad", "controller", "gamepad"},
+    {"plug", "adapter", "charger", "plug_adapter"},
+    {"can", "tin", "cylinder"},
+    {"box", "carton", "packet", "package", "cuboid"},
+    {"bottle", "flask"},
+    {"mug", "cup", "tumbler", "pot", "glass"},
+    {"bowl", "basin", "dish", "plate"},
+    {"pliers", "cutter", "wire_cutter", "open_wire_cutter", "pincers", "clamp"},
+)
+"""Words for things that a person might call by one another's name."""
+
+_LEAST_SIDE, _MOST_SIDE = 0.018, 0.32  # m, of the longest side
+_TRIES = 40
+_KINDS = {1: "of another class", 3: "out of proportion", 5: "cut off", 7: "pressed together"}  # of ten in a row
+
+
+def kin_of(classes: Iterable[str]) -> frozenset[str]:
+    """Names of forms and of classes of the catalogue that are one of `classes` or kin of one, by the words in them."""
+    words = {name.lower() for name in classes}
+    words |= {word for name in list(words) for word in re.split(r"[\W_\d]+", name)}
+    words |= {word.removesuffix(end) for word in words for end in ("s", "es")}  # plurals
+    kin = {word for group in _KIN if group & words for word in group}
+    return frozenset(name for name in (*FORMS, *CLASSES) if name in kin | words)
+
+
+@lru_cache(maxsize=1024)
+def stranger(index: int, apart_from: tuple[str, ...] = ()) -> ObjectModel:
+    """The composed thing that `index` (>= 0) draws, the same in every process; class "unknown", named after its form.
+
+    apart_from: classes whose kin is not drawn (`kin_of`).
+    Raises ObjectError for a negative index.
+    """
+    if index < 0:
+        raise ObjectError(f"index of a stranger must not be negative, got {index}")
+    kin = kin_of(apart_from)
+    rng = np.random.default_rng([zlib.crc32(UNKNOWN.encode()), index])
+    forms = [name for name in FORMS if name not in kin]
+    weight = np.array([0.33 if name in PRIMITIVES else 1.0 for name in forms])
+    for _ in range(_TRIES):
+        form = forms[int(rng.choice(len(forms), p=weight / weight.sum()))]
+        pieces, mass = FORMS[form](rng)
+        model = assemble(UNKNOWN, f"{form}_{index:05d}", pieces, mass)
+        if _LEAST_SIDE <= float(model.extents.max()) <= _MOST_SIDE:
+            return model
+    raise ObjectError(f"stranger {index}: no draw of {_TRIES} has a size of {_LEAST_SIDE} to {_MOST_SIDE} m")
+
+
+class DrawnStrangers:
+    """`count` strangers to the classes of some models: composed things, other classes, and models spoilt.
+
+    Six in ten are composed (`stranger`), one in ten of a class of the catalogue that is kin of none of theirs; one in
+    ten each are a model out of proportion, a part of one, and two pressed together. None is as like to a model as those
+    of a class are to each other. The same models, seed and number give the same stranger.
+
+    Raises ObjectError where there are no models, or count or seed is negative.
+    """
+
+    def __init__(self, models: Sequence[ObjectModel], count: int, seed: int = 0) -> None:
+        if not models:
+            raise ObjectError("strangers need the models that they are strangers to, got none")
+        if count < 0 or seed < 0:
+            raise ObjectError(f"count and seed of strangers must not be negative, got {count} and {seed}")
+        self.count, self.seed = count, seed
+        self._models = list(models)
+        self._classes = tuple(sorted({model.class_name for model in models}))
+        kin = kin_of(self._classes)
+        self._others = [name for name in CLASSES if name not in kin]
+        self._likeness = Likeness(models)
+
+    @property
+    def names(self) -> list[str]:
+        """Of each: "stranger_00000" and so on."""
+        return [f"stranger_{i:05d}" for i in range(self.count)]
+
+    def load(self, i: int) -> ObjectModel:
+        """Stranger `i` (0 <= i < count). Raises ObjectError for another."""
+        if not 0 <= i < self.count:
+            raise ObjectError(f"there are strangers 0 to {self.count - 1}, asked for {i}")
+        for attempt in range(_TRIES):
+            rng = np.random.default_rng([zlib.crc32(UNKNOWN.encode()), self.seed, i, attempt])
+            model = self._draw(self.kind(i), rng)
+            if not self._likeness.is_like(model):
+                break
+        return replace(model, class_name=UNKNOWN, instance=self.names[i])
+
+    def kind(self, i: int) -> str:
+        """Of stranger `i`: "composed", "of another class", "out of proportion", "cut off" or "pressed together"."""
+        if i % 10 == 1 and not self._others:
+            return "composed"
+        return _KINDS.get(i % 10, "composed")
+
+    def _draw(self, kind: str, rng: np.random.Generator) -> ObjectModel:
+        def any_model() -> ObjectModel:
+            return self._models[int(rng.integers(len(self._models)))]
+
+        if kind == "of another class":
+            return make_object(self._others[int(rng.integers(len(self._others)))], int(rng.integers(10_000, 20_000)))
+        if kind == "out of proportion":
+            return deformed(any_model(), rng)
+        if kind == "cut off":
+            return fragment(any_model(), rng)
+        if kind == "pressed together":
+            return fused(any_model(), any_model(), rng)
+        return stranger(int(rng.integers(1 << 31)), self._classes)
+
+
+def strangers_for(models: Sequence[ObjectModel], count: int, seed: int = 0) -> list[ObjectModel]:
+    """`count` strangers to the classes of `models`, as `DrawnStrangers` draws them."""
+    strangers = DrawnStrangers(models, count, seed)
+    return [strangers.load(i) for i in range(count)]
