@@ -42,6 +42,11 @@ class ObjectsConfig:
     """The first instance that the catalogue draws."""
     download: bool = False
     """Of "ycb": ManiSkill's download instead of look-alikes out of the catalogue."""
+    strangers: int | None = 0
+    """Things of none of the classes that are drawn besides, as a last class "unknown"; None: so many that they make a
+    third of the clouds."""
+    strangers_samples: int = 10
+    """Clouds of each of them, at most samples_per_instance: few, so that as many things as possible are seen."""
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
@@ -54,6 +59,12 @@ class ObjectsConfig:
             raise CaptureError(f"objects.instances_per_class must be at least 1, got {self.instances_per_class}")
         if self.classes is not None and (not self.classes or len(set(self.classes)) != len(self.classes)):
             raise CaptureError(f"objects.classes must name at least one class and none twice, got {list(self.classes)}")
+        if self.strangers is not None and self.strangers < 0:
+            raise CaptureError(f"objects.strangers must not be negative, got {self.strangers}; null: as many as pays")
+        if self.strangers_samples < 1:
+            raise CaptureError(f"objects.strangers_samples must be at least 1, got {self.strangers_samples}")
+        if self.strangers != 0 and self.source == "modelnet10":
+            raise CaptureError("objects.strangers must be 0 with modelnet10: strangers are things that a gripper holds")
         if self.scale <= 0:
             raise CaptureError(f"objects.scale must be positive, got {self.scale}")
 
@@ -151,6 +162,8 @@ class CaptureConfig:
             objects=ObjectsConfig(
                 classes=None if classes is None else tuple(classes),
                 instances_per_class=settings["instances_per_class"],
+                strangers=0 if settings.get("scenario") == "surface" else objects.get("strangers", 0),
+                strangers_samples=objects.get("strangers_samples", ObjectsConfig.strangers_samples),
                 **{name: objects[name] for name in ("source", "path", "scale", "allow_open", "seed", "download")},
             ),
             sensor=sensor["mode"],
@@ -181,7 +194,15 @@ class CaptureConfig:
         }[self.scenario]
         if self.sensor == "ideal":
             unused.add("noise")
-        return json.loads(json.dumps({name: value for name, value in asdict(self).items() if name not in unused}))
+        described = {name: value for name, value in asdict(self).items() if name not in unused}
+        if self.objects.strangers == 0:
+            del described["objects"]["strangers"], described["objects"]["strangers_samples"]
+        return json.loads(json.dumps(described))
+
+    @property
+    def samples_of_stranger(self) -> int:
+        """Clouds of each stranger that is drawn."""
+        return min(self.objects.strangers_samples, self.samples_per_instance)
 
     @property
     def intrinsics(self) -> tuple[CameraIntrinsics, ...]:

@@ -23,6 +23,7 @@ from pec.data.splits import read_splits
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import histogram, number
 from pecgrasp_env.common.html_report import Tile, data_uri, report_page
+from pecgrasp_env.objects import UNKNOWN
 
 __all__ = ["CARD_NAME", "write_card"]
 
@@ -53,7 +54,7 @@ def _render(directory: Path, manifest: Manifest, shards: Sequence[Shard]) -> str
     return report_page(
         "pecgrasp_env.capture",
         "data_card",
-        f"Data card: {len(manifest.classes)} classes, {n_samples:,} clouds",
+        f"Data card: {_of_classes(manifest)}, {n_samples:,} clouds",
         manifest=manifest,
         introduction=_introduction(manifest),
         summary=_tiles(manifest, shards),
@@ -66,6 +67,12 @@ def _render(directory: Path, manifest: Manifest, shards: Sequence[Shard]) -> str
         cameras=_cameras(manifest),
         configuration=json.dumps(manifest.config, indent=1),
     )
+
+
+def _of_classes(manifest: Manifest) -> str:
+    """How many classes, and whether there are strangers besides."""
+    known = [name for name in manifest.classes if name != UNKNOWN]
+    return f"{len(known)} classes" + (" and strangers" if len(known) < len(manifest.classes) else "")
 
 
 def _introduction(manifest: Manifest) -> str:
@@ -81,7 +88,10 @@ def _introduction(manifest: Manifest) -> str:
         "ideal": "an ideal sensor",
         "d435": "a simulated RealSense D435 with its faults",
     }.get(manifest.config.get("sensor", ""), "no sensor")
-    return f"{scenario}; {sensor}. Every cloud was labelled by the simulator, none by hand."
+    strangers = (
+        f" Class {UNKNOWN!r} holds things that are of none of the others." if UNKNOWN in manifest.classes else ""
+    )
+    return f"{scenario}; {sensor}. Every cloud was labelled by the simulator, none by hand.{strangers}"
 
 
 def _tiles(manifest: Manifest, shards: Sequence[Shard]) -> list[Tile]:
@@ -91,7 +101,7 @@ def _tiles(manifest: Manifest, shards: Sequence[Shard]) -> list[Tile]:
     megabytes = sum(shard.points.nbytes for shard in shards) / 1e6
     return [
         Tile(f"{len(n_points):,}", ("labelled clouds",)),
-        Tile(str(len(manifest.classes)), ("classes",)),
+        Tile(str(sum(name != UNKNOWN for name in manifest.classes)), (_of_classes(manifest).partition(" ")[2],)),
         Tile(f"{len(seen):,}", ("objects",)),
         median or Tile("–", ("points of a cloud",)),
         Tile(f"{megabytes:,.0f} MB" if megabytes >= 10 else f"{number(megabytes)} MB", ("of points, memory-mapped",)),

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import importlib.metadata
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pec.data.shards import Manifest
 from pecgrasp_env.capture.config import CaptureConfig
-from pecgrasp_env.objects import LARS_CLASSES, Catalogue, ObjectModel
+from pecgrasp_env.capture.source import Source
+from pecgrasp_env.capture.with_strangers import WithStrangers, n_drawn
+from pecgrasp_env.objects import LARS_CLASSES, UNKNOWN, Catalogue
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.modelnet import ModelNetArchive
 from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
 
-__all__ = ["Member", "ShardJob", "Source", "allot", "instance_entry", "made_by", "open_source"]
+__all__ = ["Member", "ShardJob", "allot", "instance_entry", "made_by", "open_source"]
 
 _PACKAGES = ("pecgrasp", "sapien", "numpy", "scipy", "trimesh", "coacd")
 """What decides the bytes of a sample."""
@@ -25,16 +27,23 @@ def allot(config: CaptureConfig, source: Source) -> tuple[Manifest, list[ShardJo
     """The empty manifest of the data set, and all its shards."""
     instances: list[dict[str, Any]] = []
     members: list[Member] = []
+    strangers: list[Member] = []
     for class_index, class_name in enumerate(source.classes):
-        for number in range(len(source.names(class_name)[: config.objects.instances_per_class])):
-            members.append(Member(class_index, len(instances), number))
+        names = source.names(class_name)
+        n_own = source.n_own if isinstance(source, WithStrangers) and class_name == UNKNOWN else len(names)
+        own = list(range(n_own))[: config.objects.instances_per_class]
+        for number in (*own, *range(n_own, len(names))):
+            member = Member(class_index, len(instances), number)
+            (members if number < n_own else strangers).append(member)
             instances.append(instance_entry(source, class_name, number))
     jobs: list[ShardJob] = []
-    for group in _groups(config, members):
-        step = max(1, config.shard_size // len(group))
-        for first in range(0, config.samples_per_instance, step):
-            jobs.append(ShardJob(len(jobs), group, first, min(step, config.samples_per_instance - first)))
-    manifest = Manifest(list(source.classes), instances, config.cameras, config.described(), config.seed, made_by())
+    for among, n_samples in ((members, config.samples_per_instance), (strangers, config.samples_of_stranger)):
+        for group in _groups(config, among, n_samples):
+            step = max(1, config.shard_size // len(group))
+            for first in range(0, n_samples, step):
+                jobs.append(ShardJob(len(jobs), group, first, min(step, n_samples - first)))
+    described = replace(config, objects=replace(config.objects, strangers=len(strangers))).described()
+    manifest = Manifest(list(source.classes), instances, config.cameras, described, config.seed, made_by())
     return manifest, jobs
 
 
@@ -43,10 +52,10 @@ def made_by() -> dict[str, str]:
     return {package: importlib.metadata.version(package) for package in _PACKAGES}
 
 
-def _groups(config: CaptureConfig, members: list[Member]) -> list[tuple[Member, ...]]:
-    """Those that are captured together: those that share a table, else as many as fill a shard."""
+def _groups(config: CaptureConfig, members: list[Member], n_samples: int) -> list[tuple[Member, ...]]:
+    """Those that are captured together, `n_samples` each: those that share a table, else as many as fill a shard."""
     if config.scenario not in ("tabletop", "piled"):
-        size = max(1, config.shard_size // config.samples_per_instance)
+        size = max(1, config.shard_size // n_samples)
         return [tuple(members[start : start + size]) for start in range(0, len(members), size)]
     size = config.tabletop.objects_per_frame
     # At random, else those that share a table would be of one class.
@@ -89,18 +98,19 @@ def instance_entry(source: Source, class_name: str, number: int) -> dict[str, An
     return entry
 
 
-class Source(Protocol):
-    """Where objects come from: classes, and instances of each, in a fixed order; picklable until one is loaded."""
-
-    classes: tuple[str, ...]
-
-    def names(self, class_name: str) -> list[str]: ...
-    def load(self, class_name: str, i: int) -> ObjectModel: ...
-    def origin(self, class_name: str, i: int) -> str: ...
-
-
 def open_source(config: CaptureConfig) -> Source:
-    """The objects that `config` names. Raises ObjectError for an unknown class, an empty or missing folder."""
+    """The objects that `config` names, with strangers the last of their classes where there are any.
+
+    Raises ObjectError for an unknown class, an empty or missing folder.
+    """
+    source = _open_known(config)
+    n_strangers = n_drawn(config, source)
+    if n_strangers == 0 and UNKNOWN not in source.classes:
+        return source
+    return WithStrangers(source, n_strangers, config.objects.seed)
+
+
+def _open_known(config: CaptureConfig) -> Source:
     objects = config.objects
     if objects.path is not None and objects.source == "modelnet10":
         return ModelNetArchive(objects.path, objects.classes)

@@ -17,7 +17,9 @@ from pec.data.shards import ShardRecord, shard_name, write_shard
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.scenarios import open_scenario
 from pecgrasp_env.capture.scenarios.base import Subject
-from pecgrasp_env.capture.shard_plan import ShardJob, Source, instance_entry
+from pecgrasp_env.capture.shard_plan import ShardJob, instance_entry
+from pecgrasp_env.capture.source import Source
+from pecgrasp_env.capture.with_strangers import WithStrangers
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.objects import ObjectError, ObjectModel
 from pecgrasp_env.objects.mesh_folder import MeshFolder, MeshWarning
@@ -63,9 +65,14 @@ def prepare(
 
     progress(done, total), in meshes. Raises ObjectError that names all that cannot be used where on_error is "stop".
     """
+    members = {(source.classes[m.class_index], m.number_in_class): None for job in jobs for m in job.members}
+    if isinstance(source, WithStrangers):
+        drawn = [one for one in members if source.is_drawn(*one)]
+        members = {one: None for one in members if one not in drawn}
+        members |= dict.fromkeys(source.models_near() if drawn else ())
+        source = source.base
     if not isinstance(source, MeshFolder):
         return
-    members = {(source.classes[m.class_index], m.number_in_class): None for job in jobs for m in job.members}
     errors = source.prepare(list(members), workers, progress)
     if errors and on_error == "stop":
         several = f"{len(errors)} of {len(members)} meshes cannot be used:\n" if len(errors) > 1 else ""
@@ -89,7 +96,10 @@ class _ShardMaker:
 
         An instance that cannot be had is left out where on_error is "skip"; else ObjectError or CaptureError names it.
         """
-        subjects, entries, skipped = [], [], {}
+        subjects: list[Subject] = []
+        entries: list[dict[str, Any]] = []
+        skipped: dict[str, str] = {}
+        drawn: dict[str, int] = {}  # places among the entries, by name
         for member in job.members:
             class_name = self._source.classes[member.class_index]
             entry = instance_entry(self._source, class_name, member.number_in_class)
@@ -108,9 +118,14 @@ class _ShardMaker:
                 entry["mesh_sha256"] = _mesh_hash(model)
                 if model.mended:
                     entry["mended"] = list(model.mended)
+            if isinstance(self._source, WithStrangers) and self._source.is_drawn(class_name, member.number_in_class):
+                drawn[f"{class_name}/{name}"] = len(entries)
             entries.append(entry)
         captured = self._scenario.capture(subjects, job.first, job.count)
         for name, why in captured.given_up.items():
+            if name in drawn:
+                entries[drawn[name]]["not_captured"] = why  # another would do as well: no reason to stop
+                continue
             if self._on_error == "stop":
                 raise CaptureError(f"{name}: {why}. {_GO_ON}")
             skipped[name] = why

@@ -17,7 +17,10 @@ ROOT = Path(__file__).parents[3]
 
 
 LARS = CaptureConfig(objects=ObjectsConfig(instances_per_class=2), resolutions=("848x480",))
-ROBOT = CaptureConfig(scenario="tabletop", sensor="d435", samples_per_instance=100, resolutions=("424x240",))
+WITH_STRANGERS = ObjectsConfig(strangers=None)
+ROBOT = CaptureConfig(
+    scenario="tabletop", objects=WITH_STRANGERS, sensor="d435", samples_per_instance=100, resolutions=("424x240",)
+)
 
 
 @pytest.mark.parametrize(
@@ -25,9 +28,17 @@ ROBOT = CaptureConfig(scenario="tabletop", sensor="d435", samples_per_instance=1
     [
         ([], ROBOT),
         (["dataset=robot"], ROBOT),
-        (["dataset=folder", "objects.path=M"], replace(ROBOT, objects=ObjectsConfig("folder", path="M"))),
-        (["objects.path=M"], replace(ROBOT, objects=ObjectsConfig(path="M"))),
-        (["objects=catalogue"], replace(ROBOT, objects=ObjectsConfig(classes=CLASSES, instances_per_class=10))),
+        (
+            ["dataset=folder", "objects.path=M"],
+            replace(ROBOT, objects=replace(WITH_STRANGERS, source="folder", path="M")),
+        ),
+        (["objects.path=M"], replace(ROBOT, objects=replace(WITH_STRANGERS, path="M"))),
+        (
+            ["objects=catalogue"],
+            replace(ROBOT, objects=replace(WITH_STRANGERS, classes=CLASSES, instances_per_class=10)),
+        ),
+        (["objects.strangers=0"], replace(ROBOT, objects=ObjectsConfig())),
+        (["scenario=surface"], replace(ROBOT, scenario="surface", objects=ObjectsConfig())),
         (["scenario=free", "sensor.mode=ideal"], replace(ROBOT, scenario="free", sensor="ideal")),
         (["dataset=lars"], LARS),
         (["dataset=lars", "sensor=d435"], replace(LARS, sensor="d435")),

@@ -114,10 +114,13 @@ class DrawnStrangers:
             raise ObjectError(f"there are strangers 0 to {self.count - 1}, asked for {i}")
         for attempt in range(_TRIES):
             rng = np.random.default_rng([zlib.crc32(UNKNOWN.encode()), self.seed, i, attempt])
-            model = self._draw(self.kind(i), rng)
+            try:
+                model = self._draw(self.kind(i) if attempt < _TRIES // 2 else "composed", rng)
+            except ObjectError:  # a model that cannot be cut
+                continue
             if not self._likeness.is_like(model):
-                break
-        return replace(model, class_name=UNKNOWN, instance=self.names[i])
+                return replace(model, class_name=UNKNOWN, instance=f"stranger_{i:05d}")
+        raise ObjectError(f"stranger {i}: none of {_TRIES} draws is unlike the classes {', '.join(self._classes)}")
 
     def kind(self, i: int) -> str:
         """Of stranger `i`: "composed", "of another class", "out of proportion", "cut off" or "pressed together"."""
