@@ -95,7 +95,7 @@ def _tiles(record: ReportRecord, times: Mapping[str, tuple[float, float, int]]) 
     tiles = []
     for outcomes, words in (
         (("success",), "asked-for object lifted"),
-        (("wrong_object", "off_table"), "wrong object lifted, or any pushed off"),
+        (("wrong_object", "stranger", "off_table"), "wrong object lifted, or any pushed off"),
     ):
         share = Share(sum(each.episode.outcome in outcomes for each in record.episodes), n)
         note = "no episode was run"

@@ -24,8 +24,14 @@ OUTCOME_WORDS = {
     "missed": ("not held", "warn"),
     "timeout": ("out of time", "warn"),
     "error": ("program error", "bad"),
+    "absent": ("rightly said not to be there", "good"),
+    "denied": ("wrongly said not to be there", "bad"),
+    "stranger": ("stranger lifted", "bad"),
 }
 OUTCOMES = tuple(OUTCOME_WORDS)
+RIGHT = tuple(name for name, (_, tone) in OUTCOME_WORDS.items() if tone == "good")
+# Only with strangers on the table, or where the asked-for class may be absent.
+RARE = ("absent", "denied", "stranger")
 _SETTLING_STEPS = 20  # after the policy is done: what it holds must come to rest, or fall
 
 
@@ -38,8 +44,8 @@ class Episode:
     objects: the instances on the table. confidence: probability of the asked-for class of the object that was chosen
     last. stages: seconds of computing, by stage, one number a call.
     disturbance_m: how far the object that was moved most, of those not asked for, was moved; None where there is none.
-    visible_share: of the asked-for object at the start, None where that was not noted. cleared: how many objects were
-    taken off it and put down. doubts: what the policy was unsure of.
+    visible_share: of the asked-for object at the start, None where there is none or that was not noted. cleared: how
+    many objects were taken off it and put down. doubts: what the policy was unsure of.
     """
 
     seed: int
@@ -75,6 +81,7 @@ class Policy(Protocol):
 def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any], None] | None = None) -> Episode:
     """One episode of SelectiveGrasp-v1 (one sub-environment, control mode `pd_joint_pos`, an obs_mode with depth).
 
+    policy: a `ScriptedPolicy` with ``answers`` where the task has ``absent``.
     on_step: called with the environment after every step, to record pictures.
     """
     task: SelectiveGraspEnv = env.unwrapped
@@ -94,6 +101,7 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
         truncated = bool(time_out)
         after += policy.done
     log, models = policy.log, task.models[0]
+    absent = bool(info.get("absent", False))
     return Episode(
         seed=seed,
         target=task.target_names[0],
@@ -106,13 +114,17 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
         objects=[model.instance for model in models],
         stages={name: [round(each, 6) for each in seconds] for name, seconds in log.stages.items()},
         disturbance_m=round(float(info["disturbance_m"]), 6) if len(models) > 1 else None,
-        visible_share=round(float(info["visible_share"]), 6),
+        visible_share=None if absent else round(float(info["visible_share"]), 6),
         cleared=log.cleared,
         doubts=list(log.doubts),
     )
 
 
 def _outcome(info: dict[str, Any], log: PolicyLog) -> str:
+    if bool(info.get("stranger_lifted", False)):
+        return "stranger"
+    if bool(info.get("said_absent", False)) and not bool(info["wrong_object"] or info["off_table"]):
+        return "absent" if bool(info["absent"]) else "denied"
     for name in ("success", "wrong_object", "off_table", "dropped"):
         if bool(info[name]):
             return name

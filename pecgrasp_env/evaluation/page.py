@@ -19,6 +19,7 @@ from pecgrasp_env.evaluation.tables import (
     FIRST_TRY,
     Evaluation,
     hidden_cells,
+    lifted_words,
     p_value,
     progress_of,
     visible_head,
@@ -59,6 +60,7 @@ def render(evaluation: Evaluation, commands: Sequence[str] = ()) -> str:
         evaluation=evaluation,
         summary=_tiles(evaluation),
         lifted=lifted,
+        lifted_words=lifted_words(evaluation.cells),
         lifted_at_once=lifted_at_once,
         share_of=share_of,
         published_of=published_of,
@@ -90,7 +92,7 @@ def _tiles(evaluation: Evaluation) -> list[Tile]:
         share = _share(evaluation.episodes(ALL, planner), lifted)
         if share is not None:
             interval = f"{share.low:.1f}–{share.high:.1f}\N{NO-BREAK SPACE}%"
-            lines = (f"{planner}: right object lifted", f"{share.count:,} of {share.n:,}, {interval}")
+            lines = (f"{planner}: {lifted_words(evaluation.cells)}", f"{share.count:,} of {share.n:,}, {interval}")
             tiles.append(Tile(f"{share.percent:.1f} %", lines))
     return tiles
 

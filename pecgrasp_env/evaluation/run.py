@@ -22,7 +22,7 @@ import gymnasium as gym
 from pec.common.atomic_files import write_whole
 from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.common.render_pool import run_jobs
-from pecgrasp_env.evaluation.episode import Episode, run_episode
+from pecgrasp_env.evaluation.episode import RIGHT, Episode, run_episode
 from pecgrasp_env.evaluation.failure_images import FailureImages, camera
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 
@@ -64,7 +64,8 @@ class Protocol:
         """Raises EvaluationError where there is neither a classifier nor a single class."""
         from hydra.utils import instantiate
 
-        return ScriptedPolicy(self._classifier(), instantiate(self.planner), **self.policy)
+        answers = self.env.get("absent", False) is not False
+        return ScriptedPolicy(self._classifier(), instantiate(self.planner), answers=answers, **self.policy)
 
     def _classifier(self) -> Any:
         if self.checkpoint is not None:
@@ -190,7 +191,7 @@ class _EpisodeRunner:
             episode = run_episode(self._env, watch.policy, seed, watch.on_step)
         except Exception as error:  # of any kind: it is this episode's failure, and the others go on
             return _failed(seed, error)
-        if episode.outcome != "success":
+        if episode.outcome not in RIGHT:
             watch.save(self._pictures, seed)
         return episode
 

@@ -10,22 +10,23 @@ from typing import Any
 import numpy as np
 
 from pec.statistics import wilson_interval
-from pecgrasp_env.evaluation.episode import OUTCOMES, Episode
+from pecgrasp_env.evaluation.episode import OUTCOMES, RIGHT, Episode
 
 
 def lifted(episode: Episode) -> bool:
-    """Whether the right object was lifted, at whichever try."""
-    return episode.outcome == "success"
+    """Whether the right object was lifted, at whichever try, or rightly said not to be there."""
+    return episode.outcome in RIGHT
 
 
 def lifted_at_once(episode: Episode) -> bool:
     """The same, and no try failed before."""
-    return lifted(episode) and not episode.failures
+    return lifted(episode) and (not episode.failures or episode.outcome == "absent")
 
 
 def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     """Counts, shares and Wilson intervals of each outcome, in all and for each asked-for class; reasons; times [ms].
 
+    `lifted_or_absent` counts the right ones: the asked-for object lifted, or rightly said not to be there.
     `first_try` counts successes before which no try failed. `reasons` are those of giving up, `failures` those of
     single tries; numbers in them are replaced by #. `by_visible_share` has the successes by how much of the asked-for
     object was seen at the start, "0.3" from 0.3 to below 0.4, the last one with 1.0, and `half_visible` those with at
@@ -37,6 +38,7 @@ def summarise(episodes: Sequence[Episode]) -> dict[str, Any]:
     return {
         "episodes": len(episodes),
         "outcomes": _shares(episodes),
+        "lifted_or_absent": share(sum(map(lifted, episodes)), len(episodes)),
         "first_try": share(sum(map(lifted_at_once, episodes)), len(episodes)),
         "by_class": {name: _shares([e for e in episodes if e.target == name]) for name in targets},
         "by_visible_share": {f"0.{k}": _lifted_share([e for e in seen if _tenth(e) == k]) for k in range(10)},

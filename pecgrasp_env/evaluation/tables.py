@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from pec.common.run_identity import flat_settings
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
+from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, RARE, Episode
 from pecgrasp_env.evaluation.grid import Cell, read_cells
 from pecgrasp_env.evaluation.paired_tests import ALL, Comparison, compare
 from pecgrasp_env.evaluation.summary import lifted, lifted_at_once, share, summarise
@@ -116,7 +116,7 @@ def _natural(text: str) -> list[tuple[int, str]]:
 
 def markdown(evaluation: Evaluation) -> str:
     """Success by scene and planner; every outcome; the pairs; the times; the reasons."""
-    parts = [f"# {evaluation.title}", "", *_success(evaluation, "right object lifted", lifted)]
+    parts = [f"# {evaluation.title}", "", *_success(evaluation, lifted_words(evaluation.cells), lifted)]
     parts += ["", *_success(evaluation, "at the first try", lifted_at_once)]
     parts += ["", "## What happened", "", *_outcomes(evaluation.cells)]
     if hidden := hidden_cells(evaluation.cells):
@@ -156,8 +156,22 @@ def share_of(share: Mapping[str, Any]) -> str:
     return f"{100 * share['share']:.1f} ({100 * low:.1f}–{100 * high:.1f})"
 
 
+def shown_outcomes(cells: Sequence[Cell]) -> list[str]:
+    """All but those that cannot happen in these cells."""
+    happened = {episode.outcome for cell in cells for episode in cell.episodes}
+    return [name for name in OUTCOMES if name not in RARE or happened & set(RARE)]
+
+
+def lifted_words(cells: Sequence[Cell]) -> str:
+    """What counts as right in these cells."""
+    return "right object lifted" + (
+        ", or rightly said not to be there" if set(RARE) & set(shown_outcomes(cells)) else ""
+    )
+
+
 def _outcomes(cells: Sequence[Cell]) -> list[str]:
-    words = [OUTCOME_WORDS[name][0] for name in OUTCOMES]
+    shown = shown_outcomes(cells)
+    words = [OUTCOME_WORDS[name][0] for name in shown]
     head = ["scene", "planner", "episodes", *words, FIRST_TRY]
     lines = _head([*head, "another object moved, mm: median / 95 %", "steps"])
     for cell in cells:
@@ -165,12 +179,12 @@ def _outcomes(cells: Sequence[Cell]) -> list[str]:
         if cell.episodes:
             summary = summarise(cell.episodes)
             moved = summary["disturbance_mm"]
-            fields += [share_of(summary["outcomes"][name]) for name in OUTCOMES]
+            fields += [share_of(summary["outcomes"][name]) for name in shown]
             fields.append(share_of(summary["first_try"]))
             fields.append("–" if moved is None else f"{moved['median']:.1f} / {moved['p95']:.1f}")
             fields.append(f"{summary['mean_steps']:.0f}")
         else:
-            fields += ["–"] * (len(OUTCOMES) + 3)
+            fields += ["–"] * (len(shown) + 3)
         lines.append(_row(fields))
     return lines
 

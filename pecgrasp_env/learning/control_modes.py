@@ -20,9 +20,10 @@ _GRIPPER_LOW, _GRIPPER_HIGH = np.array([0.0, MIN_FORCE]), np.array([STROKE, MAX_
 
 def from_joint_targets(agent: Any, action: np.ndarray) -> np.ndarray:
     """The action (8,) float32 in the control mode of ``agent``, a `UR5Robotiq2F140`, that takes it towards the same
-    posture as ``action`` (8,) of `pd_joint_pos`, as far as a step of that mode goes.
+    posture as ``action`` (8,) of `pd_joint_pos`, as far as a step of that mode goes. With a ninth number, the answer,
+    that stays.
     """
-    q, gripper = np.asarray(action[:6], float), np.asarray(action[6:], float)
+    q, gripper, answer = np.asarray(action[:6], float), np.asarray(action[6:8], float), np.asarray(action[8:], float)
     mode = agent.control_mode
     if mode == "pd_joint_pos":
         arm = q
@@ -41,7 +42,7 @@ def from_joint_targets(agent: Any, action: np.ndarray) -> np.ndarray:
             arm = np.concatenate([T_target[:3, 3], turn.as_euler("XYZ")])
     if "delta" in mode:
         gripper = np.clip(2 * (gripper - _GRIPPER_LOW) / (_GRIPPER_HIGH - _GRIPPER_LOW) - 1, -1, 1)
-    return np.concatenate([arm, gripper]).astype(np.float32)
+    return np.concatenate([arm, gripper, answer]).astype(np.float32)
 
 
 def to_joint_targets(agent: Any, mode: str, action: np.ndarray) -> np.ndarray:
@@ -50,9 +51,9 @@ def to_joint_targets(agent: Any, mode: str, action: np.ndarray) -> np.ndarray:
     """
     if mode == "pd_joint_pos":
         return np.asarray(action)
-    share = (np.clip(action[6:], -1, 1) + 1) / 2
+    share = (np.clip(action[6:8], -1, 1) + 1) / 2
     gripper = _GRIPPER_LOW + share * (_GRIPPER_HIGH - _GRIPPER_LOW)
-    return np.concatenate([_joints(agent) + _STEP * np.clip(action[:6], -1, 1), gripper]).astype(np.float32)
+    return np.concatenate([_joints(agent) + _STEP * np.clip(action[:6], -1, 1), gripper, action[8:]]).astype(np.float32)
 
 
 def _joints(agent: Any) -> np.ndarray:

@@ -25,7 +25,7 @@ import numpy as np
 from pec.common.atomic_files import replacing, write_json
 from pec.common.run_identity import first_difference
 from pecgrasp_env.common.render_pool import run_jobs
-from pecgrasp_env.evaluation.episode import Episode, run_episode
+from pecgrasp_env.evaluation.episode import RIGHT, Episode, run_episode
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.evaluation.summary import summarise
 from pecgrasp_env.learning.control_modes import CONTROL_MODES, from_joint_targets
@@ -107,7 +107,7 @@ def record(
             if progress is not None:
                 progress(n_done, len(seeds))
     episodes = [Episode(**json.loads(_info_file(folder, seed).read_text())["episodes"][0]["expert"]) for seed in seeds]
-    kept = [each.seed for each in episodes if keep == "all" or each.outcome == "success"]
+    kept = [each.seed for each in episodes if keep == "all" or each.outcome in RIGHT]
     _join(folder, kept, out / "trajectory.h5", recording.env_kwargs("state_dict"))
     results = {"kept": len(kept), "trajectories": str(out / "trajectory.h5"), **summarise(episodes)}
     write_json(out / "results.json", results)

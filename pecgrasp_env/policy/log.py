@@ -18,7 +18,8 @@ class PolicyLog:
     stages: seconds spent in each stage, one number each time it ran. failures: why each try failed that did.
     plan, grasp, chosen, confidence: of the last try. held_m, held_n: opening [m] and measured grip force [N, None where
     the observation has none] with which the object was held last. reason: why the policy gave up, or None. doubts:
-    what it was unsure of and went on. cleared: how many objects it took off the asked-for one and put down.
+    what it was unsure of and went on. cleared: how many objects it took off the asked-for one and put down. absent: it
+    says that nothing of the asked-for class is there.
     """
 
     stages: dict[str, list[float]] = field(default_factory=dict)
@@ -35,6 +36,7 @@ class PolicyLog:
     doubts: list[str] = field(default_factory=list)
     cleared: int = 0
     lifted: bool = False
+    absent: bool = False
     doing: str = ""  # in words, for captions
 
     @contextmanager

@@ -22,6 +22,7 @@ NOT_FOUND = "not found"
 
 _SURE = 0.9  # probability from which one look is enough
 _DOUBT = 0.3  # of a second object, from which one look is not enough
+_POSSIBLE = 0.1  # of an object, from which on it may be the asked-for one
 _CERTAIN = 0.7  # that an object is one, below which it is looked at again
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
@@ -98,6 +99,14 @@ class PickPlanner:
         probabilities = [seen.probabilities().get(self._target, 0.0) for seen in objects if seen.evidence]
         likely = self._log.confidence >= max(_SURE, self._min_confidence)
         return likely and sum(p > _DOUBT for p in probabilities) == 1
+
+    def is_absent(self, objects: list[SeenObject]) -> bool:
+        """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole."""
+        return self._classifier is not None and all(
+            seen.probabilities().get(self._target, 0.0) < _POSSIBLE and seen.certainty >= _CERTAIN
+            for seen in objects
+            if seen.evidence
+        )
 
     def doubt(self, objects: list[SeenObject]) -> str | None:
         """Why another view of the likeliest object might show it otherwise, or None."""

@@ -22,7 +22,7 @@ from pecgrasp_env.policy.grip_force import grip_force
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
 from pecgrasp_env.policy.perception import View, still_there
-from pecgrasp_env.policy.pick_planner import PickPlanner
+from pecgrasp_env.policy.pick_planner import NOT_FOUND, PickPlanner
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.put_down import plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject
@@ -52,6 +52,8 @@ class ScriptedPolicy:
         min_confidence: probability of the asked-for class below which an object is not touched.
         attempts: how many times to try before giving up.
         clear: take away what lies on the asked-for object and put it down on the free table, first.
+        answers: actions are (9,), for a task with ``absent``: the last number is 1 once it says that nothing of the
+            asked-for class is there, which is when it has looked from all its places and nothing may be it; else -1.
     """
 
     def __init__(
@@ -64,6 +66,7 @@ class ScriptedPolicy:
         min_confidence: float = 0.6,
         attempts: int = 3,
         clear: bool = False,
+        answers: bool = False,
     ) -> None:
         if not 0 < min_confidence <= 1:
             raise ValueError(f"min_confidence={min_confidence}: must be in (0, 1]")
@@ -76,6 +79,7 @@ class ScriptedPolicy:
         self.min_confidence = min_confidence
         self.attempts = attempts
         self.clear = clear
+        self.answers = answers
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
@@ -99,13 +103,18 @@ class ScriptedPolicy:
         return self.log.lifted or self.log.reason is not None
 
     def act(self, obs: Mapping[str, Any]) -> np.ndarray:
-        """The next action (8,) float32 of `pd_joint_pos`: joint targets rad, opening m, force limit N."""
+        """The next action (8,) float32 of `pd_joint_pos`: joint targets rad, opening m, force limit N; with ``answers``
+        (9,).
+        """
         if self._target is None:
             raise RuntimeError("call reset(target) before act(obs)")
-        observation = read_observation(obs)
+        action = self._move(read_observation(obs), self._target)
+        return np.append(action, np.float32(1.0 if self.log.absent else -1.0)) if self.answers else action
+
+    def _move(self, observation: RobotObservation, target: str) -> np.ndarray:
         if self._steps is None:
             self._arm = ArmSteps(observation, self.control_dt, _WAITING_FORCE_N)
-            self._steps = self._episode(self._pick_planner(self._target), self._arm, observation)
+            self._steps = self._episode(self._pick_planner(target), self._arm, observation)
             return next(self._steps)
         try:
             return self._steps.send(observation)
@@ -156,6 +165,8 @@ class ScriptedPolicy:
             pick = pick_planner.decide(objects, views[-1], observation.q)
             if pick.approach is None or pick.chosen is None:
                 self.log.failures.append(str(pick.reason))
+                if pick.reason == NOT_FOUND and pick_planner.is_absent(objects):
+                    break
                 objects = [] if pick.chosen is None else objects
                 continue
             approach, taken = pick.approach, objects[pick.chosen]
@@ -181,6 +192,8 @@ class ScriptedPolicy:
             observation = yield from arm.rise(observation)
         many = f"{self.log.cleared} objects taken away, and there are more"
         self.log.reason = many if self.log.cleared > _MOST_CLEARED else self.log.failures[-1]
+        # What it once had before it is there, wherever it lies now.
+        self.log.absent = all(failure == NOT_FOUND for failure in self.log.failures) and self.log.reason == NOT_FOUND
         self.log.doing = f"gave up: {self.log.reason}"
 
     def _survey(

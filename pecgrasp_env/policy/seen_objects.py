@@ -10,10 +10,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 OTHER = "something else"  # what a classifier that names one class leaves to all others
+UNKNOWN = "unknown"  # of none of the classifier's classes
 _SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two apart do
 _SAME_PLACE_M = 0.010  # noise, and what of a surface one view saw and the other did not
 _COMPARED = 400  # points of an object
 _PARTLY, _MOSTLY = 0.3, 0.6  # of an object
+_LEAST = 1e-3  # probability that one view leaves to either side
 
 
 @dataclass
@@ -37,11 +39,28 @@ class SeenObject:
         return self.points.mean(axis=0)
 
     def probabilities(self) -> dict[str, float]:
-        """The views' probabilities, multiplied and normalised: each view is one more independent look."""
-        names = sorted({name for view in self.evidence for name in view})
+        """Of each class, and of UNKNOWN where a view says something of it; sum 1.
+
+        The views' probabilities of the classes are multiplied and normalised: each view is one more independent look.
+        Of its being of none of them the views' log-odds are averaged: a stranger that looks like a class from one side
+        does so from the next.
+        """
+        names = sorted({name for view in self.evidence for name in view} - {UNKNOWN})
+        known = self._known()
+        if not names:
+            return {UNKNOWN: 1.0 - known}
         logs = np.array([sum(np.log(max(view.get(name, 0.0), 1e-3)) for view in self.evidence) for name in names])
         weights = np.exp(logs - logs.max())
-        return dict(zip(names, (weights / weights.sum()).tolist(), strict=True))
+        shares = dict(zip(names, (known * weights / weights.sum()).tolist(), strict=True))
+        return shares | ({UNKNOWN: 1.0 - known} if known < 1 else {})
+
+    def _known(self) -> float:
+        """The probability that it is of one of the classes; 1 where no view says otherwise."""
+        strange = [view[UNKNOWN] for view in self.evidence if UNKNOWN in view]
+        if not strange:
+            return 1.0
+        odds = np.clip(strange, _LEAST, 1.0 - _LEAST)
+        return float(1.0 / (1.0 + np.exp(np.mean(np.log(odds / (1.0 - odds))))))
 
 
 def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
@@ -99,6 +118,7 @@ def class_probabilities(classifier: Any, clouds: Sequence[np.ndarray]) -> list[d
     """What a classifier says of clouds (M, 3), camera frame: class → probability; nothing of those with few points.
 
     ``classifier`` is a `pec.Classifier`, which takes all of them at once, or any callable cloud → (label, confidence).
+    Where it says how likely a cloud is of one of its classes (`Prediction.known`), the rest is UNKNOWN's.
     """
     least = getattr(classifier, "n_points", 1)
     known = [k for k, cloud in enumerate(clouds) if len(cloud) >= least]
@@ -106,7 +126,12 @@ def class_probabilities(classifier: Any, clouds: Sequence[np.ndarray]) -> list[d
     if known and hasattr(classifier, "predict"):
         answers = classifier.predict([clouds[k] for k in known])
         for k, answer in zip(known, answers, strict=True):
-            result[k] = {name: float(p) for name, p in answer.probabilities.items()}
+            known = getattr(answer, "known", None)
+            # One that was trained without strangers gives its confidence: that is no second witness.
+            known = 1.0 if known is None or known == answer.confidence else float(known)
+            result[k] = {name: known * float(p) for name, p in answer.probabilities.items()}
+            if known < 1.0:
+                result[k][UNKNOWN] = 1.0 - known
     else:
         for k in known:
             label, confidence = classifier(clouds[k])
