@@ -9,6 +9,7 @@ import numpy as np
 
 from pecgrasp_env.objects import ObjectModel
 from pecgrasp_env.objects.strangers import Strangers
+from pecgrasp_env.scene.placement import PlacementError, can_rest
 
 STRANGER = -1  # instead of the index of a class
 
@@ -73,11 +74,22 @@ def mix_in(known: list[ObjectModel], strangers: list[ObjectModel], rng: np.rando
 def draw_strangers(
     source: Strangers, n: int, rng: np.random.Generator, given: Sequence[int] | None = None
 ) -> list[ObjectModel]:
-    """``n`` strangers, different ones while there are enough. given: their numbers, where they are not drawn."""
-    if given is None:
-        there = len(source.names)
-        given = np.concatenate([rng.permutation(there) for _ in range(-(-n // there))])[:n].tolist()
-    return [source.load(i) for i in given]
+    """``n`` strangers, different ones while there are enough. given: their numbers, where they are not drawn.
+
+    Raises PlacementError where all of them roll on and never rest, as balls do, which are not drawn.
+    """
+    if given is not None:
+        return [source.load(i) for i in given]
+    there = len(source.names)
+    models: list[ObjectModel] = []
+    while len(models) < n:
+        before = len(models)
+        for i in rng.permutation(there).tolist():
+            if len(models) < n and can_rest(source.load(i)):
+                models.append(source.load(i))
+        if len(models) == before:
+            raise PlacementError(f"strangers: none of {there} comes to rest on a table")
+    return models
 
 
 def draw_instances(

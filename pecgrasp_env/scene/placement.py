@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -16,9 +17,11 @@ from scipy.spatial.transform import Rotation
 from pecgrasp_env.objects import ObjectModel
 from pecgrasp_env.scene.settling import drop
 
-_DROPS = 10
+_DROPS = 30
 _PLACES = 60
 _LAYOUTS = 40
+_TRIAL_FALLS = 16  # of which so many must end at rest:
+_RESTS = 3
 
 
 class PlacementError(ValueError):
@@ -85,6 +88,14 @@ def drop_each(models: Sequence[ObjectModel], rng: np.random.Generator) -> np.nda
         if not pending:
             return result
     raise PlacementError(f"{', '.join(models[index].instance for index in pending)}: not at rest after {_DROPS} drops")
+
+
+@lru_cache(maxsize=1024)
+def can_rest(model: ObjectModel) -> bool:
+    """Whether it comes to rest often enough for `drop_each`; balls roll on."""
+    falls = Rotation.from_quat(np.random.default_rng(0).normal(size=(_TRIAL_FALLS, 4)))
+    _, at_rest = drop([model] * _TRIAL_FALLS, falls)
+    return int(at_rest.sum()) >= _RESTS
 
 
 def outline_of(model: ObjectModel, pose: np.ndarray) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pecgrasp_env.objects import Catalogue, make_object
+from pecgrasp_env.objects.strangers import StrangerMeshes
 from pecgrasp_env.scene.clutter import CLOSE_GAP_M, MOST_OBJECTS, lay_out
-from pecgrasp_env.scene.draw_objects import askable, draw_classes, draw_instances
+from pecgrasp_env.scene.draw_objects import askable, draw_classes, draw_instances, draw_strangers
 from pecgrasp_env.scene.placement import PlacementError, Region, outline_of, separation
 from pecgrasp_env.scene.settling import push_together, settle
 
@@ -99,3 +101,13 @@ def test_what_lies_apart_stays_where_the_fall_left_it(models):
     ends, at_rest = settle(models, poses)
     assert at_rest.all()
     assert np.abs(ends[:, :3] - poses[:, :3]).max() < 1e-3
+
+
+def test_strangers_that_roll_on_are_not_drawn(tmp_path):
+    box, ball = trimesh.creation.box((0.05, 0.04, 0.03)), trimesh.creation.icosphere(4, 0.03)
+    ball.export(tmp_path / "ball.ply")
+    box.export(tmp_path / "box.ply")
+    strangers = StrangerMeshes(tmp_path)
+    drawn = draw_strangers(strangers, 3, np.random.default_rng(0))
+    assert [model.instance for model in drawn] == ["box"] * 3
+    assert [model.instance for model in draw_strangers(strangers, 1, np.random.default_rng(0), [0])] == ["ball"]
