@@ -184,7 +184,7 @@ class SelectiveGraspEnv(RestorableEnv):
     |---|---|---|
     | `n_objects` | 3 | 1 … 8, piled or in a bin … 15, of the classes |
     | `n_strangers` | 0 | further objects that are of none of them; together as many at most as above |
-    | `strangers` | None | where they come from: a folder of meshes, or an opened source |
+    | `strangers` | None | None: composed by seed; a folder of meshes; or an opened source |
     | `absent` | False | the asked-for class is not there, to be said: True, or the probability of it |
     | `classes` | None | what may lie there, in the one-hot's order; None: the LARS five, or all of a folder or source |
     | `objects` | None | None: the catalogue; a mesh folder's path; arguments of `open_objects`; or an opened source |
@@ -249,7 +249,7 @@ class SelectiveGraspEnv(RestorableEnv):
             self.randomisation.friction,
             self.randomisation.mass_scale,
             self.layout.n_strangers,
-            self.layout.open_strangers(),
+            self.layout.open_strangers(self.classes),
             float(self.layout.absent) if self.layout.answers else None,
         )
         self._only_cloud = obs_mode == "cloud"

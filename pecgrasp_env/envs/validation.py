@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pecgrasp_env.objects import LARS_CLASSES, open_objects
-from pecgrasp_env.objects.strangers import UNKNOWN, Strangers, open_strangers
+from pecgrasp_env.objects.open_strangers import open_strangers
+from pecgrasp_env.objects.strangers import UNKNOWN, Strangers
 from pecgrasp_env.scene.clutter import CLUTTERS, MOST_OBJECTS
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, intrinsics_of
 
@@ -72,8 +73,6 @@ class SceneOptions:
                 f"n_strangers={self.n_strangers}: must be between 0 and {most - fewest} with clutter={self.clutter!r}"
             )
         most -= self.n_strangers
-        if self.n_strangers and self.strangers is None:
-            raise TaskError(f"strangers=None: n_strangers={self.n_strangers} need a folder of meshes to come from")
         if not fewest <= self.n_objects <= most:
             more = [
                 f"{name!r} {each - self.n_strangers}"
@@ -99,9 +98,9 @@ class SceneOptions:
         self._check_classes(classes)
         return source, classes
 
-    def open_strangers(self) -> Strangers | None:
+    def open_strangers(self, classes: Sequence[str]) -> Strangers | None:
         """Where strangers come from; None without them. Raises ObjectError as `open_strangers` does."""
-        return open_strangers(self.strangers) if self.n_strangers else None
+        return open_strangers(self.strangers, classes) if self.n_strangers else None
 
     @property
     def answers(self) -> bool:

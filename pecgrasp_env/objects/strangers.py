@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.folder_layout import MeshSource, find_classes, find_instances
@@ -57,14 +57,3 @@ class StrangerMeshes:
             renamed = MeshSource(name, source.files)
             self._loaded[i] = load_mesh(renamed, UNKNOWN, self.scale, allow_open=True)
         return self._loaded[i]
-
-
-def open_strangers(strangers: Any) -> Strangers:
-    """A folder of meshes, arguments of `StrangerMeshes` as a mapping, or a source that is open already.
-
-    Raises ObjectError as `StrangerMeshes` does.
-    """
-    if hasattr(strangers, "load"):
-        source: Strangers = strangers
-        return source
-    return StrangerMeshes(**strangers) if isinstance(strangers, Mapping) else StrangerMeshes(strangers)

@@ -126,12 +126,12 @@ def class_probabilities(classifier: Any, clouds: Sequence[np.ndarray]) -> list[d
     if known and hasattr(classifier, "predict"):
         answers = classifier.predict([clouds[k] for k in known])
         for k, answer in zip(known, answers, strict=True):
-            known = getattr(answer, "known", None)
+            score = getattr(answer, "known", None)
             # One that was trained without strangers gives its confidence: that is no second witness.
-            known = 1.0 if known is None or known == answer.confidence else float(known)
-            result[k] = {name: known * float(p) for name, p in answer.probabilities.items()}
-            if known < 1.0:
-                result[k][UNKNOWN] = 1.0 - known
+            is_known = 1.0 if score is None or score == answer.confidence else float(score)
+            result[k] = {name: is_known * float(p) for name, p in answer.probabilities.items()}
+            if is_known < 1.0:
+                result[k][UNKNOWN] = 1.0 - is_known
     else:
         for k in known:
             label, confidence = classifier(clouds[k])

@@ -93,6 +93,17 @@ def test_the_known_objects_of_a_seed_are_those_without_strangers(among):
     alone.close()
 
 
+def test_without_a_folder_strangers_are_composed():
+    environment = make(n_objects=2, n_strangers=2)
+    environment.reset(seed=0)
+    first = instances(environment)
+    assert sum(name.startswith("stranger_") for name in first) == 2
+    environment.reset(seed=1)
+    environment.reset(seed=0)
+    assert instances(environment) == first
+    environment.close()
+
+
 def test_strangers_can_be_named(among):
     among.reset(seed=1, options={"strangers": ["peg", "peg"], "objects": ["mouse", "can"]})
     assert sorted(instances(among))[-2:] == ["peg", "peg"]
@@ -272,7 +283,6 @@ def test_the_environment_checker_has_nothing_to_say(folder):
             "n_objects=2.*1 and 1.*n_strangers=7.*'piled' 8",
         ),
         ({"n_strangers": 1, "strangers": "/no/such/folder"}, ObjectError, "strangers='/no/such/folder'"),
-        ({"n_strangers": 1}, TaskError, "strangers=None"),
         ({"absent": 1.5}, TaskError, r"absent=1\.5"),
         ({"absent": float("nan")}, TaskError, "absent=nan"),
         ({"absent": True, "classes": ("can",), "n_objects": 1}, TaskError, "absent=True.*another class"),
