@@ -104,7 +104,7 @@ def test_what_lies_apart_stays_where_the_fall_left_it(models):
 
 
 def test_strangers_that_roll_on_are_not_drawn(tmp_path):
-    box, ball = trimesh.creation.box((0.05, 0.04, 0.03)), trimesh.creation.icosphere(4, 0.03)
+    box, ball = trimesh.creation.box((0.05, 0.04, 0.03)), trimesh.creation.icosphere(5, 0.08)
     ball.export(tmp_path / "ball.ply")
     box.export(tmp_path / "box.ply")
     strangers = StrangerMeshes(tmp_path)
