@@ -101,6 +101,16 @@ class Scene:
     confidence: list[float] = field(default_factory=list)
     cuts: list[Cut] = field(default_factory=list)
 
+    def certainties(self) -> list[float]:
+        """How sure it is of each object that it is one, and no part or sum of some, by its `confidence` and its `cuts`;
+        1 where the segmenter does not say.
+        """
+        certainties = list(self.confidence) or [1.0] * len(self.objects)
+        for cut in self.cuts:
+            for k in (cut.first, cut.second):
+                certainties[k] = min(certainties[k], cut.sure)
+        return certainties
+
     def summary(self) -> str:
         """What was rejected, in a sentence, with the settings that would take it."""
         parts = [

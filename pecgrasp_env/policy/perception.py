@@ -79,7 +79,7 @@ def look(observation: RobotObservation, segmenter: Segmenter) -> View:
     objects = [
         SeenObject(_moved(T, points), bool(border), [], T[None, :3, 3], _moved(T, unseen), certainty)
         for points, border, unseen, certainty in zip(
-            scene.objects, scene.touches_border, scene.unseen, _certainties(scene), strict=True
+            scene.objects, scene.touches_border, scene.unseen, scene.certainties(), strict=True
         )
     ]
     plane = None
@@ -88,15 +88,6 @@ def look(observation: RobotObservation, segmenter: Segmenter) -> View:
         plane = np.append(normal, scene.plane[3] - normal @ T[:3, 3])
     obstacles = np.concatenate([np.zeros((0, 3)), *(_moved(T, points) for points in scene.obstacles)])
     return View(observation, objects, list(scene.objects), plane, obstacles)
-
-
-def _certainties(scene: Scene) -> list[float]:
-    """How sure it is of each object that it is one, and no part or sum of some; 1 where the segmenter does not say."""
-    certainties = list(scene.confidence) or [1.0] * len(scene.objects)
-    for cut in scene.cuts:
-        for k in (cut.first, cut.second):
-            certainties[k] = min(certainties[k], cut.sure)
-    return certainties
 
 
 def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:

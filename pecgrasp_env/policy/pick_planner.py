@@ -108,6 +108,16 @@ class PickPlanner:
             if seen.evidence
         )
 
+    def wish_to_look_again(self, objects: list[SeenObject]) -> str | None:
+        """Why what was seen is not enough to touch the asked-for object, or to say that it is not there; or None."""
+        if self.is_absent(objects) or self.is_sure(objects):
+            return None
+        if (doubt := self.doubt(objects)) is not None:
+            return doubt
+        if self._log.confidence < max(_SURE, self._min_confidence):
+            return f"whether one of them is a {self._target} is unsure ({self._log.confidence:.2f})"
+        return f"more than one may be the {self._target}"
+
     def doubt(self, objects: list[SeenObject]) -> str | None:
         """Why another view of the likeliest object might show it otherwise, or None."""
         index = self.likeliest(objects)

@@ -8,6 +8,7 @@ read from the top: each ``yield`` is one control step. Actions are those of the 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -130,10 +131,12 @@ class ScriptedPolicy:
         *,
         q: ArrayLike | None = None,
         opening: float | None = None,
+        before: PlannedPick | None = None,
     ) -> PlannedPick:
         """From one depth frame to a grasp on the object of class ``target``, for an arm that others move.
 
-        Nothing moves and no simulator is needed; `log` has the stages' times.
+        Nothing moves and no simulator is needed; `log` has the stages' times. Where the result's `doubt` says why one
+        view is not enough, move the camera and ask again with what was seen ``before``.
 
         Args:
             depth: (H, W) metres along the optical axis, 0 or NaN where there is none.
@@ -144,14 +147,18 @@ class ScriptedPolicy:
                 frame, wherever the camera stands.
             opening: m, of its 2F-140, which is then cut out as well; without q, of one that carries the camera as this
                 project's bracket does. None: the frame shows no gripper.
+            before: the answer to the view before, of the same untouched scene and target: what both saw counts.
 
         Raises ObservationError for a frame, a pose or joint angles of the wrong shape, ValueError as `reset` does.
         """
         observation = observation_of_frame(depth, intrinsics, T_base_camera, q, opening)
         self.reset(target)
         pick_planner = self._pick_planner(target)
-        objects, view = pick_planner.look(observation, [])
-        return pick_planner.decide(objects, view, None if q is None else observation.q)
+        known = [] if before is None else [replace(seen, evidence=list(seen.evidence)) for seen in before.objects]
+        objects, view = pick_planner.look(observation, known)
+        pick = pick_planner.decide(objects, view, None if q is None else observation.q)
+        absent = pick.reason == NOT_FOUND and pick_planner.is_absent(objects)
+        return replace(pick, doubt=pick_planner.wish_to_look_again(objects), absent=absent)
 
     def _pick_planner(self, target: str) -> PickPlanner:
         return PickPlanner(

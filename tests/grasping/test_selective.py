@@ -1,5 +1,7 @@
 """From a scene to a grasp on the object that was asked for; the classifier is a plain function."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from grasping_shapes import UP, box_top, grid, moved
@@ -95,3 +97,44 @@ def test_the_likeliest_of_two_is_taken() -> None:
 def test_a_confidence_that_is_none_is_refused() -> None:
     with pytest.raises(ConfigError, match="min_confidence"):
         grasper(min_confidence=1.5)
+
+
+@dataclass
+class Prediction:
+    """What a classifier that knows strangers answers."""
+
+    label: str
+    confidence: float
+    probabilities: dict[str, float]
+    known: float
+
+
+def test_a_sure_answer_needs_no_other_view_and_an_unsure_one_does() -> None:
+    for known, doubt in ((0.99, None), (0.8, "whether it is a box is unsure (0.78)")):
+        answer = Prediction("box", 0.98, {"box": 0.98, "can": 0.02}, known)
+        selection = SelectiveGrasper(lambda _, given=answer: given, CurvaturePlanner()).select(
+            table_with(SMALL), "box", up=UP
+        )
+        assert selection.chosen == 0
+        assert selection.known == [known]
+        assert selection.doubt == doubt
+        assert not selection.absent
+
+
+def test_a_stranger_is_not_touched_and_what_may_be_the_class_is_to_be_looked_at_again() -> None:
+    for known, absent in ((0.02, True), (0.4, False)):
+        answer = Prediction("unknown", 0.98, {"box": 0.98, "can": 0.02}, known)
+        selection = SelectiveGrasper(lambda _, given=answer: given, CurvaturePlanner()).select(
+            table_with(SMALL), "box", up=UP
+        )
+        assert selection.chosen is None
+        assert selection.plan is None
+        assert "no box" in str(selection.reason)
+        assert selection.absent == absent
+        assert (selection.doubt is None) == absent
+
+
+def test_what_two_values_say_is_enough_to_call_a_class_absent() -> None:
+    assert grasper().select(table_with(SMALL, LONG), "mouse", up=UP).absent
+    assert not grasper().select(table_with(SMALL, LONG), "small", up=UP).absent
+    assert grasper().select(table_with(), "small", up=UP).absent

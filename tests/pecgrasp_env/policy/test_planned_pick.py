@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,6 +85,44 @@ def test_what_is_not_there_is_not_found_and_what_is_too_large_has_no_grasp():
     assert pick.T_base_grasp is None
     assert pick.reason.startswith("no grasp: ")
     assert "wide" in pick.reason
+
+
+class Sees:
+    """Takes both for a brick, how surely by the view: from above unsure of either, from the side not."""
+
+    n_points = 1
+
+    def __init__(self, *known):
+        self.views = iter(known)
+
+    def predict(self, clouds):
+        of_brick, of_slab = next(self.views)
+        return [self.answer(of_brick if by_size(cloud)[0] == "brick" else of_slab) for cloud in clouds]
+
+    @staticmethod
+    def answer(known):
+        return SimpleNamespace(label="brick", confidence=0.98, probabilities={"brick": 0.98, "slab": 0.02}, known=known)
+
+
+def test_one_sure_view_is_enough_to_touch_and_to_say_that_nothing_is_there():
+    pick = ScriptedPolicy(by_size).plan_only(SCENE, INTRINSICS, CAMERA, "slab")
+    assert (pick.doubt, pick.absent) == (None, False)
+    pick = ScriptedPolicy(by_size).plan_only(SCENE, INTRINSICS, CAMERA, "mug")
+    assert (pick.doubt, pick.absent) == (None, True)
+
+
+def test_in_doubt_it_asks_for_another_view_and_joins_them():
+    policy = ScriptedPolicy(Sees((0.8, 0.02), (0.995, 0.02)))
+    first = policy.plan_only(SCENE, INTRINSICS, CAMERA, "brick")
+    assert first.chosen is not None
+    assert first.doubt == "whether one of them is a brick is unsure (0.78)"
+    second = policy.plan_only(SCENE, INTRINSICS, CAMERA, "brick", before=first)
+    assert second.doubt is None
+    assert [len(seen.evidence) for seen in second.objects] == [2, 2]
+    assert [len(seen.evidence) for seen in first.objects] == [1, 1]
+    unsure = ScriptedPolicy(Sees((0.4, 0.02))).plan_only(SCENE, INTRINSICS, CAMERA, "brick")
+    assert (unsure.chosen, unsure.absent) == (None, False)
+    assert "brick" in unsure.doubt
 
 
 def test_out_of_the_arms_reach_there_is_a_pose_but_no_path():
