@@ -13,6 +13,7 @@ IntArray = NDArray[np.int64]
 CELLS_A_GAP = 5
 REACH = 2  # cells by which a footprint grows before footprints that touch are joined
 AREA_CELL = 0.02  # m, in which a surface's area is counted
+OF_OUTLINE = 500  # points that suffice for an outline
 NEIGHBOURS = 3.5  # points that a cell and the eight around it must hold, else they are noise
 
 
@@ -52,10 +53,12 @@ def _spread(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
     return spread
 
 
-def convex_outline(flat: FloatArray) -> FloatArray | None:
-    """Edges (E, 3) of the convex hull of points in the plane, a x + b y + c ≤ 0 inside; None where it has no area."""
+def convex_outline(flat: FloatArray, most: int = OF_OUTLINE) -> FloatArray | None:
+    """Edges (E, 3) of the convex hull of some of the points in the plane, a x + b y + c ≤ 0 inside; None where it has
+    no area.
+    """
     try:
-        return np.asarray(ConvexHull(flat[:: max(1, len(flat) // 500)]).equations)
+        return np.asarray(ConvexHull(flat[:: max(1, len(flat) // most)]).equations)
     except (QhullError, ValueError):
         return None
 

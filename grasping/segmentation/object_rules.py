@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.footprints import convex_outline, spacing
+from grasping.segmentation.footprints import OF_OUTLINE, convex_outline, spacing
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.planes import basis
 
@@ -47,9 +47,15 @@ class Tabletop:
     def __init__(self, frame: Frame, plane: FloatArray, heights: NDArray, table: IntArray) -> None:
         self.heights = heights
         self.level = basis(plane[:3])
-        seen = frame.points.take(table[:: max(1, len(table) // SEEN_OF_TABLE)], axis=0) @ self.level
+        self._seen = seen = frame.points.take(table[:: max(1, len(table) // SEEN_OF_TABLE)], axis=0) @ self.level
         self.pitch = spacing(seen, max(len(table), 1))
         self.outline = convex_outline(seen)
+
+    def under(self, frame: Frame, objects: Sequence[IntArray]) -> None:
+        """Count the places over which these objects (M,) are seen as the table's, too: they hide it."""
+        few = [frame.points.take(points[:: max(1, len(points) // FEW)], axis=0) @ self.level for points in objects]
+        places = np.concatenate([self._seen[:: max(1, len(self._seen) // OF_OUTLINE)], *few])
+        self.outline = convex_outline(places, most=len(places))
 
     def beside(self, frame: Frame, points: IntArray, share: float = OUTSIDE) -> bool:
         """Whether at least this share of the points lies outside of the table's outline.
@@ -82,8 +88,11 @@ class ObjectRules:
         """The objects among the clusters, in their order. thing: how sure, in [0, 1], each is one."""
         result = Sorted()
         small: list[IntArray] = []
-        for number, points in enumerate(clusters):
-            why = self.too_little(points) or self.misplaced(points)
+        reasons = [self.too_little(points) or self.misplaced(points) for points in clusters]
+        if self.tabletop is not None and BESIDE in reasons and None in reasons:
+            self.tabletop.under(self.frame, [clusters[i] for i, why in enumerate(reasons) if why is None])
+            reasons = [self.misplaced(clusters[i]) if why == BESIDE else why for i, why in enumerate(reasons)]
+        for number, (points, why) in enumerate(zip(clusters, reasons, strict=True)):
             if why is None and thing is not None:
                 why = self._no_thing(points, float(thing[number]))
             if why is None:

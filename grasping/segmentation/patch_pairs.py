@@ -6,6 +6,7 @@ side of a third that hides what lies between need a judgement of their own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from grasping.segmentation import kernels
 from grasping.segmentation.pieces import label_pieces
 
+Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
@@ -100,11 +102,16 @@ def steps_to_borders_reference(labels: Labels, unknown: NDArray[np.bool_]) -> ND
 
 
 def hidden_pairs(
-    found: Borders, first_in_front: IntArray, second_in_front: IntArray, level: NDArray[np.floating]
+    found: Borders,
+    first_in_front: IntArray,
+    second_in_front: IntArray,
+    level: NDArray[np.floating],
+    holes: Sequence[PatchesAtHole],
 ) -> set[tuple[int, int]]:
     """Pairs that do not adjoin, but lie behind one nearer patch, or behind two that go over into each other.
 
-    *_in_front: (P,) pixel pairs that show it. level: (P,) the share of a border on which neither is in front.
+    *_in_front: (P,) pixel pairs that show it. level: (P,) the share of a border on which neither is in front. holes: by
+    those, too, one patch may lie behind another, where the sensor measured nothing in the nearer one's shadow.
     """
     behind: dict[int, set[int]] = {}
     for front, back, shown in (
@@ -113,36 +120,56 @@ def hidden_pairs(
     ):
         for number in np.flatnonzero(shown >= LEAST_BORDER):
             behind.setdefault(int(front[number]), set()).add(int(back[number]))
-    adjoin = _as_set(found)
-    pairs = {pair for patches in behind.values() for pair in combinations(sorted(patches), 2)}
+    pairs: set[tuple[int, int]] = set()
     for number in np.flatnonzero(level > MOSTLY):
         one, other = int(found.first[number]), int(found.second[number])
         for i in behind.get(one, ()):
             pairs |= {(min(i, j), max(i, j)) for j in behind.get(other, ()) if i != j}
-    return pairs - adjoin
+    for hole in holes:
+        for one, near in zip(hole.patches, hole.inverse_depth, strict=True):
+            for other, far in zip(hole.patches, hole.inverse_depth, strict=True):
+                if near - far > IN_FRONT:
+                    behind.setdefault(one, set()).add(other)
+    pairs |= {pair for patches in behind.values() for pair in combinations(sorted(patches), 2)}
+    return pairs - _as_set(found)
 
 
-def pairs_at_holes(labels: Labels, measured: NDArray[np.bool_], found: Borders) -> set[tuple[int, int]]:
-    """Pairs that do not adjoin, but both reach to one hole in the depth."""
+@dataclass(frozen=True)
+class PatchesAtHole:
+    """The patches that reach to one hole in the depth, rising, and each one's mean inverse depth there, 1/m."""
+
+    patches: list[int]
+    inverse_depth: list[float]
+
+
+def patches_at_holes(labels: Labels, inverse_depth: Float32Array) -> list[PatchesAtHole]:
+    """What reaches to each hole of an image (h, w), 1/m and 0 in holes, but for those too large to be one object's."""
+    measured = inverse_depth > 0
     holes, count = label_pieces(~measured)
     if not count:
-        return set()
+        return []
     w, patches = labels.shape[1], int(labels.max()) + 1
     right = np.flatnonzero((labels[:, :-1] > 0) & (holes[:, 1:] > 0))
     left = np.flatnonzero((holes[:, :-1] > 0) & (labels[:, 1:] > 0))
     right, left = (at + at // max(w - 1, 1) for at in (right, left))  # pixels, from their numbers in w − 1 columns
     below = np.flatnonzero((labels[:-1] > 0) & (holes[1:] > 0))
     above = np.flatnonzero((holes[:-1] > 0) & (labels[1:] > 0))
-    beside = labels.ravel()[np.concatenate([right, left + 1, below, above + w])]
+    beside = np.concatenate([right, left + 1, below, above + w])
     hole_of = holes.ravel()[np.concatenate([right + 1, left, below + w, above])]
-    key, pixels = np.unique(hole_of.astype(np.int64) * patches + beside, return_counts=True)
-    key = key[pixels >= LEAST_AT_HOLE]
+    key, inverse, pixels = np.unique(
+        hole_of.astype(np.int64) * patches + labels.ravel()[beside], return_inverse=True, return_counts=True
+    )
+    mean = np.bincount(inverse.reshape(-1), inverse_depth.ravel()[beside], minlength=len(key)) / np.maximum(pixels, 1)
     sizes = np.bincount(holes.ravel(), minlength=count + 1)
-    at_hole: dict[int, list[int]] = {}
-    for hole, patch in zip((key // patches).tolist(), (key % patches).tolist(), strict=True):
-        if sizes[hole] < LARGE_HOLE * labels.size:
-            at_hole.setdefault(hole, []).append(patch)
-    return {pair for there in at_hole.values() for pair in combinations(sorted(there), 2)} - _as_set(found)
+    used = np.flatnonzero((pixels >= LEAST_AT_HOLE) & (sizes[key // patches] < LARGE_HOLE * labels.size))
+    hole, first = np.unique(key[used] // patches, return_index=True)
+    parts = np.split(used, first[1:]) if len(hole) else []
+    return [PatchesAtHole((key[part] % patches).tolist(), mean[part].tolist()) for part in parts]
+
+
+def pairs_at_holes(holes: Sequence[PatchesAtHole], found: Borders) -> set[tuple[int, int]]:
+    """Pairs that do not adjoin, but both reach to one hole in the depth."""
+    return {pair for hole in holes for pair in combinations(hole.patches, 2)} - _as_set(found)
 
 
 def _as_set(found: Borders) -> set[tuple[int, int]]:

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.correlation_clustering import cluster
 from grasping.segmentation.grouping import Grouping
+from grasping.segmentation.hidden_halves import join_halves
 from grasping.segmentation.pair_features import AT_BORDER, border_features, shape_features
 from grasping.segmentation.patch_measures import PatchMeasures, measure_patches
-from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes
+from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes, patches_at_holes
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surface_patches import cut_into_patches
 from grasping.segmentation.table_relief import Relief, relief
 from grasping.segmentation.working_image import WorkingImage
+from grasping.segmentation.wrinkles import wrinkles
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -52,14 +54,22 @@ class Surfaces:
         self.labels, self.count, self.edge = cut_into_patches(fits, self.positions, asked)
         self.height = height
         self.table = table = measured & ~(stands_out if self.relief is None else self.relief.stands_out)
+        if plane is not None and self.relief is not None:
+            camera = float(plane[:3] @ image.viewpoint + plane[3])
+            flat = wrinkles(self.labels, self.count, self.relief, image.inverse_depth, camera)
+            if len(flat):
+                gone = np.isin(self.labels, flat)
+                table |= gone
+                self.labels[gone] = 0
         self.borders = borders(self.labels, self.count, (self.labels == 0) & ~table)
         self.measures = self.measure(self.labels, self.count)
         at_border, first_in_front, second_in_front = border_features(
             self.borders, fits, self.positions, self.labels, height, up, self.measures
         )
         level = at_border[:, AT_BORDER.index("level")]
-        hidden = hidden_pairs(self.borders, first_in_front, second_in_front, level)
-        at_hole = pairs_at_holes(self.labels, measured, self.borders)
+        holes = patches_at_holes(self.labels, image.inverse_depth)
+        hidden = hidden_pairs(self.borders, first_in_front, second_in_front, level, holes)
+        at_hole = pairs_at_holes(holes, self.borders)
         far = sorted(hidden | at_hole)
         self.far_first = np.array([i for i, _ in far], dtype=np.int64)
         self.far_second = np.array([j for _, j in far], dtype=np.int64)
@@ -89,4 +99,5 @@ class Surfaces:
         length = np.sqrt(np.concatenate([np.diff(self.borders.start), np.full(len(far), FAR_LENGTH)]))
         # Patch 0 is no patch: alone it is cluster 0, and objects count from 1.
         adjoin = np.arange(len(first)) < len(near)
-        return Grouping(cluster(self.count + 1, first, second, odds * length), first, second, odds, length, adjoin)
+        group = cluster(self.count + 1, first, second, odds * length)
+        return join_halves(Grouping(group, first, second, odds, length, adjoin), self.measures.pixels)

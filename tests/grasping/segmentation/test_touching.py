@@ -83,3 +83,19 @@ def test_a_file_that_is_no_trees_is_refused(tmp_path) -> None:
         Segmenter(relations=tmp_path / "mine.npz").segment(frame)
     with pytest.raises(ConfigError, match=r"gone\.npz"):
         Segmenter(relations=tmp_path / "gone.npz").segment(frame)
+
+
+@pytest.mark.parametrize("shadow", [0, 9])
+@pytest.mark.parametrize("tilt", [40.0, 60.0])
+def test_the_halves_of_a_box_behind_another_are_one_also_across_its_shadow(shadow: int, tilt: float) -> None:
+    T = look_down(tilt, 0.75)
+    frame, owner = render([(0.0, -0.05, 0.26, 0.07, 0.07), (0.0, 0.07, 0.06, 0.05, 0.15)], T, NOISE)
+    if shadow:  # what one of a stereo camera's two eyes does not see beside a near thing is not measured
+        near = owner == 1
+        beside = near.copy()
+        for step in range(1, shadow + 1):
+            beside[:, step:] |= near[:, :-step]
+            beside[:, :-step] |= near[:, step:]
+        frame[beside & ~near] = np.nan
+    scene = Segmenter().segment(frame, up=up_in(T))
+    assert sorted(max(shares, key=shares.get) for shares in owners_of(scene, owner)) == [0, 1]
