@@ -19,7 +19,7 @@ from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.model import Draft, ObjectModel, assemble
 from pecgrasp_env.objects.procedural.catalogue import CLASSES, make_object
 from pecgrasp_env.objects.procedural.primitives import PRIMITIVES
-from pecgrasp_env.objects.procedural.strangers import assembled, blended
+from pecgrasp_env.objects.procedural.strangers import assembled, blended, jointed
 from pecgrasp_env.objects.procedural.strangers.likeness import Likeness
 from pecgrasp_env.objects.procedural.strangers.near import deformed, fragment, fused
 from pecgrasp_env.objects.strangers import UNKNOWN
@@ -30,6 +30,7 @@ FORMS: dict[str, Callable[[np.random.Generator], Draft]] = {
     **PRIMITIVES,
     **{name: getattr(assembled, name) for name in assembled.__all__ if name not in ("mass_of", "paint", "between")},
     **{name: getattr(blended, name) for name in blended.__all__},
+    **{name: getattr(jointed, name) for name in jointed.__all__},
 }
 """Generators of composed strangers, each drawn equally often, the plain ones of `PRIMITIVES` a third as often."""
 
@@ -139,7 +140,8 @@ class DrawnStrangers:
         if kind == "cut off":
             return fragment(any_model(), rng)
         if kind == "pressed together":
-            return fused(any_model(), any_model(), rng)
+            one = any_model() if rng.random() < 0.5 else stranger(int(rng.integers(1 << 31)), self._classes)
+            return fused(any_model(), one, rng)
         return stranger(int(rng.integers(1 << 31)), self._classes)
 
 
