@@ -1,7 +1,8 @@
 """A checkpoint is a directory of documented files, replaced as a whole; nothing in it is a pickle.
 
-config.json               network, classes, preprocessing, temperature, confidence of the unknown, versions, epoch
+config.json               network, classes, preprocessing, temperature, threshold of the unknown, versions, epoch
 model.safetensors         weights and batch-norm statistics
+knowing.safetensors       what tells the known from strangers (`pec.known.knowing.Knowing`); older checkpoints have none
 training_state/           only where training goes on from here
     optimizer.safetensors     Adam's moments, one tensor a parameter
     progress.json             epoch, history, best so far, the configuration. Random draws are seeded by (seed, epoch),
@@ -21,11 +22,14 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors import SafetensorError
+from safetensors.numpy import load_file as load_arrays
+from safetensors.numpy import save_file as save_arrays
 from safetensors.torch import load_file, save_file
 from torch import nn
 
 from pec.common.atomic_files import current_directory, replacing_directory
 from pec.errors import CheckpointError, ConfigError
+from pec.known.knowing import Knowing
 from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
 
@@ -46,7 +50,17 @@ class Checkpoint:
     network: str = "pec"
     """Its name, as `pec.networks.registry.build_model` takes it."""
     unknown_below: float = 0.0
-    """Confidence below which an object is of no known class; 0: everything is of one."""
+    """`Prediction.known` below which an object is of no known class; 0: everything is of one. Without `knowing` that is
+    the confidence."""
+    none_of_these: bool = False
+    """Whether the network has one output more than `classes`, the last: none of these."""
+
+    knowing: Knowing | None = None
+    """What `Prediction.known` is made of; None: of the confidence."""
+
+    @property
+    def n_outputs(self) -> int:
+        return len(self.classes) + self.none_of_these
 
 
 @dataclass(frozen=True)
@@ -66,6 +80,7 @@ def write_checkpoint(
         "network": checkpoint.network,
         "n_points": checkpoint.preprocess.n_points,
         "classes": checkpoint.classes,
+        "none_of_these": checkpoint.none_of_these,
         "preprocess": asdict(checkpoint.preprocess),
         "temperature": checkpoint.temperature,
         "unknown_below": checkpoint.unknown_below,
@@ -76,6 +91,8 @@ def write_checkpoint(
     with replacing_directory(directory) as new:
         (new / "config.json").write_text(json.dumps(config, indent=1) + "\n")
         save_file(tensors, new / "model.safetensors")
+        if checkpoint.knowing is not None:
+            save_arrays(checkpoint.knowing.tensors(), new / "knowing.safetensors")
         if state is not None:
             (new / "training_state").mkdir()
             save_file(state.optimizer, new / "training_state" / "optimizer.safetensors")
@@ -99,20 +116,24 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         classes = [str(name) for name in config["classes"]]
         temperature, epoch = float(config["temperature"]), int(config["epoch"])
         unknown_below = float(config.get("unknown_below", 0.0))  # older checkpoints have none
+        none_of_these = bool(config.get("none_of_these", False))
     except (KeyError, TypeError, ConfigError) as error:
         raise CheckpointError(f"{directory}/config.json is not a checkpoint's: {error!r}") from error
     try:
-        model = build_model(network, preprocess.n_points, len(classes))
+        model = build_model(network, preprocess.n_points, len(classes) + none_of_these)
     except ConfigError as error:
         raise CheckpointError(f"{directory}/config.json: {error}") from error
     tensors = _read_tensors(directory / "model.safetensors")
+    knowing = _read_knowing(directory / "knowing.safetensors")
     try:
         model.load_state_dict(tensors)
     except RuntimeError as error:
         raise CheckpointError(
             f"{directory}: the weights do not fit {len(classes)} classes and {preprocess.n_points} points: {error}"
         ) from error
-    return Checkpoint(model.eval(), classes, preprocess, temperature, epoch, network, unknown_below)
+    return Checkpoint(
+        model.eval(), classes, preprocess, temperature, epoch, network, unknown_below, none_of_these, knowing
+    )
 
 
 def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | None:
@@ -145,6 +166,15 @@ def _read_tensors(path: Path) -> dict[str, torch.Tensor]:
         return load_file(path)
     except SafetensorError as error:
         raise CheckpointError(f"{path} is broken: {error}") from error
+
+
+def _read_knowing(path: Path) -> Knowing | None:
+    if not path.is_file():
+        return None
+    try:
+        return Knowing.from_tensors(load_arrays(path))
+    except (SafetensorError, KeyError) as error:
+        raise CheckpointError(f"{path} is broken: {error!r}") from error
 
 
 def _versions() -> dict[str, str]:

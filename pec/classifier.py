@@ -1,8 +1,7 @@
-"""The use of a trained network: a cloud in, a class and a confidence out."""
+"""The use of a trained network: a cloud in, a class and a confidence out, and whether it is of a class at all."""
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,24 +12,26 @@ import torch
 
 from pec.checkpoint import Checkpoint, read_checkpoint
 from pec.common.threads import torch_threads
+from pec.data.dataset import UNKNOWN
 from pec.errors import CheckpointError, CloudError, ConfigError
-from pec.networks.registry import fast_forward
+from pec.known.evidence import answers_of, described, tempered
+from pec.networks.registry import fast_embed
 
 __all__ = ["UNKNOWN", "Classifier", "Prediction"]
-
-UNKNOWN = "unknown"
 
 _TOGETHER = 128  # clouds in one forward: bounds memory, changes no result
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """label: the likeliest class, or UNKNOWN where its confidence is too low. confidence: the calibrated probability of
-    the likeliest class. probabilities: of every class, sum 1."""
+    """label: the likeliest class, or UNKNOWN where `known` is too low. confidence: the calibrated probability of the
+    likeliest class, if the cloud is of one of them. probabilities: of every class, sum 1, if it is. known: in [0, 1],
+    the calibrated probability that it is of one of them, of as many strangers as known things."""
 
     label: str
     confidence: float
     probabilities: dict[str, float]
+    known: float
 
 
 class Classifier:
@@ -38,7 +39,7 @@ class Classifier:
 
     def __init__(self, checkpoint: Checkpoint, seed: int = 0) -> None:
         self._checkpoint = checkpoint
-        self._model = fast_forward(checkpoint.model)
+        self._embed = fast_embed(checkpoint.model)
         self._seed = seed
         self._unused = np.random.default_rng(seed)
 
@@ -53,10 +54,11 @@ class Classifier:
         """Load a checkpoint. `classes`: those that the caller counts on, in any order; more or fewer are an error.
 
         seed: of the random start of farthest point sampling, in the published preprocessing only. unknown_below: the
-        confidence below which a cloud is UNKNOWN, 0 for never; where not given the checkpoint's, which rejects one in a
-        hundred clouds of known objects (`pec.metrics.rejection_threshold`).
+        `Prediction.known` below which a cloud is UNKNOWN, 0 for never; where not given the checkpoint's, which rejects
+        one in twenty clouds of unseen instances of its classes (`pec.metrics.rejection_threshold`). A checkpoint of an
+        older version has nothing but its confidence to know by: there `known` is the confidence.
         Raises CheckpointError where it is missing, broken, or of other classes, ConfigError where unknown_below is no
-        confidence.
+        probability.
         """
         checkpoint = read_checkpoint(directory)
         if classes is not None and set(classes) != set(checkpoint.classes):
@@ -71,7 +73,7 @@ class Classifier:
 
     @property
     def classes(self) -> list[str]:
-        """The class names, in the order of the network's outputs."""
+        """The names of the known classes, in the order of the network's outputs."""
         return list(self._checkpoint.classes)
 
     @property
@@ -109,35 +111,19 @@ class Classifier:
 
     def _predict(self, samples: list[np.ndarray]) -> list[Prediction]:
         checkpoint = self._checkpoint
+        classes, knowing = checkpoint.classes, checkpoint.knowing
+        # Before the weights push all else out of the caches.
+        descriptors = described(samples if knowing else [])
         with torch_threads(1), torch.no_grad():
             # All at once: of a few clouds, the time goes into reading the weights, not into their products.
             views = torch.from_numpy(checkpoint.preprocess.views(samples))
-            logits = self._model(views.flatten(0, 1)).view(*views.shape[:2], -1).tolist()
+            logits, features = self._embed(views.flatten(0, 1))
+        answers = answers_of(logits, features, descriptors, len(classes), views.shape[1])
+        rows = tempered(answers.log_probabilities[:, : len(classes)], checkpoint.temperature)
+        confidence = rows.max(axis=1)
+        known = confidence if knowing is None else knowing.known(answers)
         predictions = []
-        for of_cloud in logits:
-            row = _probabilities(of_cloud, checkpoint.temperature)
-            confidence = max(row)
-            label = checkpoint.classes[row.index(confidence)] if confidence >= checkpoint.unknown_below else UNKNOWN
-            predictions.append(Prediction(label, confidence, dict(zip(checkpoint.classes, row, strict=True))))
+        for row, sure, score in zip(rows.tolist(), confidence.tolist(), known.tolist(), strict=True):
+            label = classes[row.index(sure)] if score >= checkpoint.unknown_below else UNKNOWN
+            predictions.append(Prediction(label, sure, dict(zip(classes, row, strict=True)), score))
         return predictions
-
-
-def _probabilities(logits: list[list[float]], temperature: float) -> list[float]:
-    """The tempered mean of the probabilities over the views, from the logits (V, C) of one cloud; sum 1.
-
-    As `pec.metrics.average_views` and a softmax; for so few numbers plain arithmetic is the quickest.
-    """
-    mean = [0.0] * len(logits[0])
-    for view in logits:
-        exponentials = _exponentials(view)
-        total = sum(exponentials)
-        mean = [share + value / total for share, value in zip(mean, exponentials, strict=True)]
-    most = max(mean)
-    tempered = [(share / most) ** (1 / temperature) for share in mean]
-    total = sum(tempered)
-    return [share / total for share in tempered]
-
-
-def _exponentials(values: list[float]) -> list[float]:
-    most = max(values)
-    return [math.exp(value - most) for value in values]

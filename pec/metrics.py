@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import nn
 
@@ -13,8 +14,10 @@ from pec.networks.registry import fast_forward
 from pec.preprocessing.preprocess import Preprocess
 
 __all__ = [
-    "FALSE_REJECTIONS",
+    "UNSEEN_REJECTED",
     "Scores",
+    "among_known",
+    "area_under_roc",
     "arrange_views",
     "expected_calibration_error",
     "fit_temperature",
@@ -24,21 +27,26 @@ __all__ = [
     "score",
 ]
 
-FALSE_REJECTIONS = 0.01
-"""Share of clouds of known classes that may be called unknown: one in a hundred is looked at again."""
+UNSEEN_REJECTED = 0.05
+"""Share of clouds of unseen instances of the known classes that may be called unknown."""
 
 _BATCH = 512  # clouds at once: bounds memory, changes no result
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Accuracy in [0, 1], mean cross-entropy, confusion[truth][prediction] counts, accuracy of each class."""
+    """Accuracy in [0, 1], mean cross-entropy, confusion[truth][prediction] counts, accuracy of each class: of clouds of
+    the known classes, among those. strangers_refused: share of the strangers for which "none of these" is likeliest;
+    None where there are none. answered: share of all clouds that are right where "none of these" is one more class.
+    """
 
     accuracy: float
     loss: float
     confusion: list[list[int]]
     per_class: list[float]
     calibration_error: float
+    strangers_refused: float | None
+    answered: float
 
 
 def predict_log_probabilities(
@@ -80,9 +88,23 @@ def average_views(logits: torch.Tensor) -> torch.Tensor:
     return torch.logsumexp(logits.log_softmax(dim=2), dim=0) - math.log(len(logits))
 
 
-def score(log_probabilities: torch.Tensor, labels: torch.Tensor, temperature: float = 1.0) -> Scores:
-    """Scores of (B, C) log-probabilities against (B,) labels."""
-    n_classes = log_probabilities.shape[1]
+def among_known(log_probabilities: torch.Tensor, n_classes: int) -> torch.Tensor:
+    """(B, n_classes) log-probabilities given that the cloud is of one of the first `n_classes`, the known ones."""
+    return log_probabilities[:, :n_classes].log_softmax(dim=1)
+
+
+def score(
+    log_probabilities: torch.Tensor, labels: torch.Tensor, temperature: float = 1.0, n_classes: int | None = None
+) -> Scores:
+    """Scores of (B, C) log-probabilities against (B,) labels.
+
+    n_classes: the first of the C that are known classes; a label beyond them is a stranger's. None: all C.
+    """
+    n_classes = log_probabilities.shape[1] if n_classes is None else n_classes
+    right, stranger = log_probabilities.argmax(dim=1) == labels, labels >= n_classes
+    answered = right.double().mean().item()
+    refused = right[stranger].double().mean().item() if stranger.any() else None
+    log_probabilities, labels = among_known(log_probabilities[~stranger], n_classes), labels[~stranger]
     tempered = (log_probabilities / temperature).log_softmax(dim=1)
     predicted = tempered.argmax(dim=1)
     confusion = torch.zeros(n_classes, n_classes, dtype=torch.int64)
@@ -93,6 +115,8 @@ def score(log_probabilities: torch.Tensor, labels: torch.Tensor, temperature: fl
         confusion=confusion.tolist(),
         per_class=(confusion.diag() / confusion.sum(dim=1).clamp_min(1)).tolist(),
         calibration_error=expected_calibration_error(tempered.exp(), labels),
+        strangers_refused=refused,
+        answered=answered,
     )
 
 
@@ -126,8 +150,17 @@ def fit_temperature(log_probabilities: torch.Tensor, labels: torch.Tensor) -> fl
     return math.exp(minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
 
 
-def rejection_threshold(confidences: torch.Tensor, rate: float = FALSE_REJECTIONS) -> float:
-    """The confidence below which at most the share `rate` of known objects fall, from those (n,) of a validation split.
+def area_under_roc(known: np.ndarray, strangers: np.ndarray) -> float:
+    """The chance that a known cloud's score (n,) is greater than a stranger's (m,); equal ones count half."""
+    pooled = np.concatenate([known, strangers])
+    _, place, counts = np.unique(pooled, return_inverse=True, return_counts=True)
+    mean_ranks = np.cumsum(counts) - (counts - 1) / 2
+    n, m = len(known), len(strangers)
+    return float((mean_ranks[place.reshape(-1)][:n].sum() - n * (n + 1) / 2) / (n * m))
+
+
+def rejection_threshold(confidences: torch.Tensor, rate: float = UNSEEN_REJECTED) -> float:
+    """The score below which at most the share `rate` of known objects fall, from those (n,) of a validation split.
 
     The k-th smallest, k = ⌊rate · (n + 1)⌋: a new cloud like those falls below it with probability at most k / (n + 1)
     (the rank of one among exchangeable draws, as in split conformal prediction). 0, which rejects nothing, where n is

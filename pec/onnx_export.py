@@ -7,7 +7,8 @@ preprocess     how a raw cloud becomes `points`: the settings of `pec.preprocess
                A pose "principal" gives the network a cloud in its four equally valid poses.
 classes        names, in the order of the logits
 temperature    with the poses v of one cloud: p = softmax(log(mean over v of softmax(logits_v)) / temperature)
-unknown_below  where the greatest p is less, the cloud is of no known class
+none_of_these  whether the last logit is that of "none of these"; it is left out of log(mean …) before it is tempered
+unknown_below  of `Prediction.known`, which `pec.Classifier` makes of more than the logits: not in this file
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ def export_onnx(checkpoint: Checkpoint, path: str | os.PathLike[str]) -> Path:
         "preprocess": asdict(checkpoint.preprocess),
         "classes": checkpoint.classes,
         "temperature": checkpoint.temperature,
+        "none_of_these": checkpoint.none_of_these,
         "unknown_below": checkpoint.unknown_below,
     }
     with replacing(path) as temporary:

@@ -9,7 +9,10 @@ import numpy as np
 
 from pec.errors import DatasetError
 
-__all__ = ["CloudDataset", "remove_around_random_point"]
+__all__ = ["UNKNOWN", "CloudDataset", "remove_around_random_point"]
+
+UNKNOWN = "unknown"
+"""The reserved class of strangers: things that are none of the others. It is always the last one."""
 
 _INCH = 0.0254  # m; ModelNet's files name no unit, most of its furniture is of life size if one of theirs is an inch
 
@@ -41,6 +44,21 @@ class CloudDataset:
         return len(self.labels)
 
     @property
+    def known_classes(self) -> list[str]:
+        """The classes without UNKNOWN."""
+        return [name for name in self.classes if name != UNKNOWN]
+
+    @property
+    def has_strangers(self) -> bool:
+        """Whether the last class is UNKNOWN."""
+        return UNKNOWN in self.classes
+
+    @property
+    def is_known(self) -> np.ndarray:
+        """(n,) bool: which clouds are no strangers'."""
+        return self.labels < len(self.known_classes)
+
+    @property
     def offsets(self) -> np.ndarray:
         """(n + 1,) int64: 0 and the sums of the clouds' lengths."""
         return np.cumsum([0, *map(len, self.clouds)], dtype=np.int64)
@@ -65,6 +83,14 @@ class CloudDataset:
             mesh_scales=None if self.mesh_scales is None else self.mesh_scales[indices],
             stored=None if self.stored is None else self.stored[indices],
         )
+
+    def with_strangers_last(self) -> CloudDataset:
+        """The same clouds, UNKNOWN the last class wherever it stood."""
+        if UNKNOWN not in self.classes[:-1]:
+            return self
+        classes = [*self.known_classes, UNKNOWN]
+        new_label = np.array([classes.index(name) for name in self.classes])
+        return replace(self, classes=classes, labels=new_label[self.labels])
 
     def in_mesh_size(self) -> CloudDataset:
         """Clouds in the size of their meshes, a unit of theirs taken for an inch; others are metric and stay.

@@ -47,7 +47,8 @@ def load_dataset(
     Of a directory every file is checked against its hash, and mapped: points are read from it when they are used.
     `classes` keeps only those, in that order; `samples_per_instance` keeps the first ones of each instance; clouds of
     fewer than `min_points` points are dropped. Raises DatasetError where there is none, it is broken or unfinished, a
-    class is unknown, or a class is left without samples.
+    class is unknown, or a class is left without samples. A class named "unknown" holds strangers
+    and comes last, whatever the order.
     """
     path = Path(path)
     dataset = _load_archive(path) if path.suffix == ".npz" else _load_generated(path)
@@ -66,6 +67,7 @@ def load_dataset(
     for label, name in enumerate(dataset.classes):
         if not (dataset.labels == label).any():
             raise DatasetError(f"{path}: no sample of class {name!r} with at least {min_points} points")
+    dataset = dataset.with_strangers_last()
     return dataset.in_mesh_size() if size == "mesh" else dataset
 
 

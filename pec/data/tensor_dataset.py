@@ -23,21 +23,28 @@ __all__ = ["PreparedClouds", "prepare"]
 
 @dataclass(frozen=True)
 class PreparedClouds:
-    """candidates (n, K, 3) float32, valid (n, K) bool, labels (n,) int64: what `Preprocess.arrange` takes."""
+    """candidates (n, K, 3) float32, valid (n, K) bool, labels (n,) int64: what `Preprocess.arrange` takes. instances
+    (n,) int64: as `CloudDataset` has them."""
 
     candidates: torch.Tensor
     valid: torch.Tensor
     labels: torch.Tensor
+    instances: torch.Tensor
 
     def __len__(self) -> int:
         return len(self.labels)
 
-    def subset(self, indices: np.ndarray) -> PreparedClouds:
+    def subset(self, indices: np.ndarray | torch.Tensor) -> PreparedClouds:
         index = torch.as_tensor(indices)
-        return PreparedClouds(self.candidates[index], self.valid[index], self.labels[index])
+        return PreparedClouds(self.candidates[index], self.valid[index], self.labels[index], self.instances[index])
 
     def to(self, device: torch.device) -> PreparedClouds:
-        return PreparedClouds(self.candidates.to(device), self.valid.to(device), self.labels.to(device))
+        parts = (self.candidates, self.valid, self.labels, self.instances)
+        return PreparedClouds(*(part.to(device) for part in parts))
+
+    def of_known(self, n_classes: int) -> PreparedClouds:
+        """Without strangers: the clouds whose label is one of the first `n_classes`."""
+        return self.subset((self.labels < n_classes).nonzero()[:, 0])
 
 
 def prepare(
@@ -83,7 +90,7 @@ def prepare(
 def _prepared(arrays: dict[str, np.ndarray], dataset: CloudDataset) -> PreparedClouds:
     candidates = torch.from_numpy(arrays["candidates"])
     valid = torch.arange(candidates.shape[1])[None] < torch.from_numpy(arrays["counts"])[:, None]
-    return PreparedClouds(candidates, valid, torch.from_numpy(dataset.labels))
+    return PreparedClouds(candidates, valid, torch.from_numpy(dataset.labels), torch.from_numpy(dataset.instances))
 
 
 def _key(dataset: CloudDataset, preprocess: Preprocess, removed: float, seed: int) -> str:

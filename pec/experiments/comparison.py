@@ -17,7 +17,7 @@ from pec.common.threads import torch_threads
 from pec.data.tensor_dataset import prepare
 from pec.errors import ConfigError, DatasetError
 from pec.experiments.grid_rows import order_name, protocol_name
-from pec.metrics import average_views, predict_log_probabilities
+from pec.metrics import among_known, average_views, predict_log_probabilities
 from pec.statistics import mcnemar, wilson_interval
 from pec.training.finished_runs import FinishedRun, read_finished
 
@@ -128,7 +128,7 @@ def _answers(run: FinishedRun, seed: int) -> torch.Tensor:
     checkpoint = run.checkpoint
     clouds = prepare(run.test, checkpoint.preprocess, removed=run.config.dataset.removed, seed=seed)
     answers = predict_log_probabilities(checkpoint.model, checkpoint.preprocess, clouds.candidates, clouds.valid)
-    return (answers / checkpoint.temperature).log_softmax(dim=1)
+    return (among_known(answers, len(checkpoint.classes)) / checkpoint.temperature).log_softmax(dim=1)
 
 
 def _row(folder: str | os.PathLike[str], run: FinishedRun) -> dict[str, Any]:

@@ -49,7 +49,8 @@ def measure_robustness(
                 log_probabilities = predict_log_probabilities(
                     checkpoint.model, checkpoint.preprocess, *sampled[member.sampling]
                 )
-                accuracy = score(log_probabilities, torch.from_numpy(member.test.labels)).accuracy
+                labels = torch.from_numpy(member.test.labels)
+                accuracy = score(log_probabilities, labels, n_classes=len(checkpoint.classes)).accuracy
                 if kind == "clean":
                     member.row[kind] = accuracy
                 else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
+from typing import Any
 
 import torch
 from torch import fx, nn
@@ -15,7 +16,7 @@ from torch import fx, nn
 __all__ = ["fold"]
 
 
-def fold(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
+def fold(model: nn.Module) -> Callable[[torch.Tensor], Any]:
     """The same function as `model` in evaluation, but for rounding; on its device, no gradients.
 
     The model's batch norms follow dense layers of vectors (B, channels). A model that torch.fx cannot trace, because

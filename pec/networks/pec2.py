@@ -59,18 +59,24 @@ class PEC2(nn.Module):
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
         """(B, n_points, 3) ordered, centred points in metres → (B, n_classes) logits."""
+        logits, _ = self.embed(points)
+        return logits
+
+    def embed(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, n_points, 3) → (B, n_classes) logits and the features of the shape, (B, 480)."""
         squared = points.square().mean(dim=1).clamp_min(_SMALLEST**2)
         by_size = self.size(0.5 * squared.log())
-        by_shape = self._shape(points * squared.sum(dim=1).rsqrt()[:, None, None])
+        shape = self._shape(points * squared.sum(dim=1).rsqrt()[:, None, None])
+        by_shape = self.head(shape)
         if self.training:
-            return torch.where(torch.rand_like(by_size[:, :1]) < _SIZE_ALONE, by_size, by_shape)
-        return by_shape + by_size
+            return torch.where(torch.rand_like(by_size[:, :1]) < _SIZE_ALONE, by_size, by_shape), shape
+        return by_shape + by_size, shape
 
     def _shape(self, points: torch.Tensor) -> torch.Tensor:
         features = self.point(points.flatten(0, 1)).unflatten(0, (-1, self.n_points))
         pooled = torch.cat([features.amax(dim=1), features.mean(dim=1)], dim=1)
         joined = (self.ordered(points.flatten(1)) + self.pooled(pooled)).relu()
-        return self.head(self.blocks(joined))
+        return self.blocks(joined)
 
 
 class _Residual(nn.Module):

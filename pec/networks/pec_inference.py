@@ -41,8 +41,12 @@ class FusedPEC:
             _dense(state, "head.7", length=1),
         ]
 
-    @torch.no_grad()
     def __call__(self, points: torch.Tensor) -> torch.Tensor:
+        return self.embed(points)[0]
+
+    @torch.no_grad()
+    def embed(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, n_points, 3) → (B, n_classes) logits and what the last layer makes them of, (B, n_points / 2)."""
         batch = len(points)
         # (B, 3 · channels) throughout, a channel fastest, so that a product runs over the channels.
         x = _product(points.flatten(1), *self._first).relu_()
@@ -55,7 +59,7 @@ class FusedPEC:
         x = _product(x, *self._head[0]).relu_().view(batch, -1)
         x = _product(x, *self._head[1]).relu_()
         x = _product(x, *self._head[2]).relu_()
-        return _product(x, *self._head[3])
+        return _product(x, *self._head[3]), x
 
 
 def _product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:

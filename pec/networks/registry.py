@@ -15,7 +15,7 @@ from pec.networks.pec import PEC
 from pec.networks.pec2 import PEC2
 from pec.networks.pec_inference import FusedPEC
 
-__all__ = ["MODELS", "build_model", "check_model", "fast_forward"]
+__all__ = ["MODELS", "build_model", "check_model", "fast_embed", "fast_forward"]
 
 MODELS: dict[str, Callable[[int, int], nn.Module]] = {
     "pec": PEC,
@@ -68,3 +68,42 @@ def fast_forward(model: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
     if isinstance(model, PEC):
         return FusedPEC(model)
     return fold(model) if isinstance(model, PEC2) else model.eval()
+
+
+def fast_embed(model: nn.Module) -> Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]:
+    """As `fast_forward`: (B, n_points, 3) → (B, n_classes) logits and (B, F) features, those that the last dense layer
+    reads. A network of one's own that has no such layer, or reads no vector a cloud there, gives its logits twice.
+    """
+    if isinstance(model, PEC):
+        return FusedPEC(model).embed
+    if isinstance(model, PEC2):
+        return fold(_Embedding(model))
+    model = model.eval()
+    if isinstance(model, NearestNeighbours):
+        return torch.no_grad()(model.embed)
+    dense = [module for module in model.modules() if isinstance(module, nn.Linear)]
+
+    @torch.no_grad()
+    def embed(points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        read: list[torch.Tensor] = []
+        handle = dense[-1].register_forward_pre_hook(lambda _module, inputs: read.append(inputs[0])) if dense else None
+        try:
+            logits = model(points)
+        finally:
+            if handle:
+                handle.remove()
+        vectors = bool(read) and read[-1].ndim == 2 and len(read[-1]) == len(points)
+        return logits, read[-1] if vectors else logits
+
+    return embed
+
+
+class _Embedding(nn.Module):
+    """A network whose answer is what its `embed` gives."""
+
+    def __init__(self, network: PEC2) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.network.embed(points)

@@ -21,3 +21,6 @@ def arrange(
     /,
 ) -> None:
     """Fill `arranged` (views, n, 3)."""
+
+def describe(points: NDArray[np.float32], described: NDArray[np.float64], /) -> None:
+    """Fill `described` (37,)."""

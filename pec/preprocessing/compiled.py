@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["AVAILABLE", "arranged", "farthest_points", "group_order"]
+__all__ = ["AVAILABLE", "arranged", "described", "farthest_points", "group_order"]
 
-INTERFACE = 1  # as in _kernels.c
+INTERFACE = 2  # as in _kernels.c
 
 
 def _load() -> Any:
@@ -32,6 +32,13 @@ def farthest_points(points: np.ndarray, n: int, start: int | None) -> np.ndarray
     sampled = np.empty((n, 3), np.float32)
     ordinary = _KERNELS.sample(np.ascontiguousarray(points), -1 if start is None else start, sampled)
     return sampled if ordinary else None
+
+
+def described(points: np.ndarray) -> np.ndarray:
+    """`pec.known.shape_distribution.describe_cloud` of points (n, 3) float32: (37,), but for rounding."""
+    out = np.empty(37)
+    _KERNELS.describe(np.ascontiguousarray(points), out)
+    return out
 
 
 def group_order(points: np.ndarray, group_size: int) -> np.ndarray:

@@ -22,13 +22,16 @@ class DatasetConfig:
     """path: a generated data set's directory or a ModelNet .npz. classes: None for all. split: "sample", "instance" or
     "official". train_fraction: share of train and validation together. removed: greatest fraction that the published
     defect takes from every cloud, test ones too. size: of clouds that were scaled to one size, as ModelNet's: as they
-    are "stored", or of the "mesh" (`pec.data.dataset.CloudDataset.in_mesh_size`)."""
+    are "stored", or of the "mesh" (`pec.data.dataset.CloudDataset.in_mesh_size`). calibration_fraction: share of each
+    class's instances that training does not see, where the split lets it see all: on them the threshold of the unknown
+    is set (`pec.training.run_split.hold_out_instances`). 0, and in the published protocol: none."""
 
     path: str
     classes: list[str] | None = None
     split: str = "sample"
     train_fraction: float = 0.75
     validation_fraction: float = 0.1
+    calibration_fraction: float = 0.15
     samples_per_instance: int | None = None
     removed: float = 0.0
     size: str = "stored"
@@ -51,7 +54,9 @@ class ProtocolConfig:
     (torch.autocast), or "auto": bfloat16 where it is clearly faster when the run begins; weights keep float32. A run is
     the same whatever "auto" came to, and goes on as it began. logit_adjustment: how far training makes up for classes
     of unequal number, 0 not at all, 1 as if all were as many: the loss sees the logits plus that many times the log of
-    the class's share (Menon et al., ICLR 2021)."""
+    the class's share (Menon et al., ICLR 2021). made_strangers: how many strangers are made of a
+    split's clouds (`pec.data.made_strangers`), times as many as there are of the known classes; with any, or with
+    strangers in the data, the network has one output more, "none of these"."""
 
     selection: str = "validation"
     epochs: int = 60
@@ -64,6 +69,7 @@ class ProtocolConfig:
     running_statistics: str = "corrected"
     precision: str = "auto"
     logit_adjustment: float = 0.0
+    made_strangers: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -126,6 +132,10 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
         raise ConfigError("protocol.batch_size must be 2 at least, got 1: batch norm has no variance of one cloud")
     if protocol.logit_adjustment < 0:
         raise ConfigError(f"protocol.logit_adjustment must not be negative, got {protocol.logit_adjustment}")
+    if protocol.made_strangers < 0:
+        raise ConfigError(f"protocol.made_strangers must not be negative, got {protocol.made_strangers}")
+    if not 0 <= dataset.calibration_fraction < 1:
+        raise ConfigError(f"dataset.calibration_fraction must be in [0, 1), got {dataset.calibration_fraction}")
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config

@@ -9,7 +9,7 @@ import torch
 
 from pec.training.config import TrainConfig
 
-__all__ = ["doubts"]
+__all__ = ["doubts", "threshold_doubts"]
 
 _LEARNT = 0.3  # of the way from chance to all right
 _EVALUATED, _UNSEEN = (
@@ -46,3 +46,13 @@ def doubts(
             "them. Way out: more objects a class (instances_per_class) and more clouds of each, augment=tabletop"
         ]
     return []
+
+
+def threshold_doubts(seen: Sequence[str]) -> list[str]:
+    """A sentence where the threshold of the unknown rests, for the classes `seen`, on instances that training sees."""
+    if not seen:
+        return []
+    return [
+        f"the threshold of the unknown rests on instances that training sees, of {', '.join(seen)}: others may be "
+        "refused more often than one time in twenty. Way out: four instances a class, or more"
+    ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,8 @@ def check_same(config: TrainConfig, data: str, earlier: Mapping[str, Any]) -> No
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """data: version of the data set. test: the clouds that the run was tested on, undamaged (`dataset.removed`).
+    """data: version of the data set. test: the clouds of the known classes that the run was tested on, undamaged
+    (`dataset.removed`).
     places: theirs among all clouds that the data set's files hold."""
 
     config: TrainConfig
@@ -76,11 +77,12 @@ def read_finished(run: Path, data: str | None = None) -> FinishedRun:
     checkpoint = read_checkpoint(run / "best")
     dataset = load_dataset(
         config.dataset.path,
-        checkpoint.classes,
+        config.dataset.classes,
         config.dataset.samples_per_instance,
         checkpoint.preprocess.n_points,
         config.dataset.size,
     )
-    test = dataset.subset(split(dataset, config.dataset, "validation", config.seed)[2])
+    tested = split(dataset, config.dataset, "validation", config.seed)[2]
+    test = replace(dataset.subset(tested[dataset.is_known[tested]]), classes=checkpoint.classes)
     assert test.stored is not None  # it was loaded
     return FinishedRun(config, checkpoint, version, test, test.stored.tolist())

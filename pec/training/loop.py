@@ -21,7 +21,7 @@ from pec.errors import ConfigError
 from pec.metrics import arrange_views, log_probabilities, score
 from pec.networks.baselines import NearestNeighbours
 from pec.training.config import TrainConfig, read_config
-from pec.training.doubts import doubts
+from pec.training.doubts import doubts, threshold_doubts
 from pec.training.epoch import EpochResult, Epochs, memorise
 from pec.training.final_evaluation import report
 from pec.training.finished_runs import finished_results
@@ -74,9 +74,11 @@ def _fit(config: TrainConfig, state: RunState, data: RunData) -> None:
         for epoch in bar:
             begin = time.perf_counter()
             trained = _train_epoch(config, state, epochs, data, epoch)
-            scores = score(log_probabilities(state.model, inputs), data.selection.labels)
+            scores = score(log_probabilities(state.model, inputs), data.selection.labels, n_classes=data.n_known)
             state.finish_epoch(trained, scores, time.perf_counter() - begin)
-            tracker.epoch(epoch + 1, trained.loss, trained.accuracy, scores, trained.learning_rate, data.classes)
+            tracker.epoch(
+                epoch + 1, trained.loss, trained.accuracy, scores, trained.learning_rate, data.classes[: data.n_known]
+            )
             bar.set_postfix(
                 loss=f"{trained.loss:.3f}", train=f"{trained.accuracy:.3f}", selection=f"{scores.accuracy:.3f}"
             )
@@ -103,12 +105,12 @@ def _results(config: TrainConfig, state: RunState, data: RunData, device: torch.
     output = Path(config.output)
     honest = config.protocol.selection == "validation"
     assert state.precision is not None
-    results = report(output, config, data.training, data.selection, data.test)
+    results = report(output, config, data)
     return {
         "protocol": "honest: epoch chosen on validation, test read once"
         if honest
         else "published: best epoch on the evaluation split itself, an optimistic figure",
-        "classes": data.classes,
+        "classes": data.classes[: data.n_known],
         "parameters": sum(parameter.numel() for parameter in state.model.parameters()),
         "epochs": state.epoch,
         "seed": config.seed,
@@ -120,9 +122,21 @@ def _results(config: TrainConfig, state: RunState, data: RunData, device: torch.
         "data": data.version,
         "precision": state.precision.as_dict(),
         **results,
-        "warnings": doubts(config, data.training.labels, state.history["train_accuracy"], results["best"]),
+        "warnings": [
+            *doubts(
+                config, data.training.of_known(data.n_known).labels, state.history["train_accuracy"], results["best"]
+            ),
+            *(threshold_doubts(data.seen) if honest else ()),
+        ],
+        "threshold_on_seen": data.seen,
         "curves": state.history,
-        "n_samples": {"train": len(data.training), "selection": len(data.selection), "test": len(data.test)},
+        "n_samples": {
+            "train": len(data.training),
+            "selection": len(data.selection),
+            "calibration": len(data.calibration),
+            "test": len(data.test),
+            "strangers_in_training": int((data.training.labels == data.n_known).sum()),
+        },
     }
 
 

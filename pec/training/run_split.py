@@ -1,6 +1,8 @@
-"""Which clouds of a data set a run learns from, which choose its epoch, and which it is tested on."""
+"""Which clouds of a data set a run learns from, which choose its epoch and set its threshold, and which test it."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,7 +11,21 @@ from pec.data.splits import divide, split_by_instance, split_by_sample
 from pec.errors import DatasetError
 from pec.training.config import DatasetConfig
 
-__all__ = ["split"]
+__all__ = ["Parts", "hold_out_instances", "split"]
+
+_FEWEST = 4  # instances of a class of which one can be spared
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Indices of the clouds for each purpose. calibration: sets the threshold of the unknown. seen: classes of which
+    calibration has instances that training sees, too."""
+
+    training: np.ndarray
+    selection: np.ndarray
+    test: np.ndarray
+    calibration: np.ndarray
+    seen: list[str]
 
 
 def split(
@@ -36,3 +52,31 @@ def split(
     cut = split_by_instance if enough else split_by_sample
     training, validation = cut(dataset, 1 - settings.validation_fraction, rng, rest)
     return training, validation, test
+
+
+def hold_out_instances(
+    dataset: CloudDataset, parts: tuple[np.ndarray, np.ndarray, np.ndarray], fraction: float, seed: int
+) -> Parts:
+    """`split`'s parts with instances of each class for calibration.
+
+    Where selection has unseen instances of a class only, those are taken. Where it has not, `fraction` of the class's
+    instances, one at least, leave training and selection for calibration; their test clouds stay test clouds. Of a
+    class with fewer than 4 instances, and with fraction 0, calibration takes the selection clouds: seen instances.
+    """
+    training, selection, test = parts
+    rng = np.random.default_rng((seed, 0xCA1B))
+    held, seen, calibration = [], [], [np.empty(0, np.int64)]
+    for label, name in enumerate(dataset.classes):
+        chosen = selection[dataset.labels[selection] == label]
+        learnt = np.unique(dataset.instances[training][dataset.labels[training] == label])
+        if np.isin(dataset.instances[chosen], learnt).any() and fraction and len(learnt) >= _FEWEST:
+            held.append(rng.permutation(learnt)[: max(1, round(fraction * len(learnt)))])
+            continue
+        calibration.append(chosen)
+        if np.isin(dataset.instances[chosen], learnt).any():
+            seen.append(name)
+    kept_out = np.concatenate([np.empty(0, np.int64), *held])
+    for part in (training, selection):
+        calibration.append(part[np.isin(dataset.instances[part], kept_out)])
+    training, selection = (part[~np.isin(dataset.instances[part], kept_out)] for part in (training, selection))
+    return Parts(training, selection, test, np.sort(np.concatenate(calibration)), seen)

@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
+from pec.data.dataset import UNKNOWN
 from pec.errors import ConfigError
 from pec.metrics import Scores
 from pec.networks.baselines import NearestNeighbours
@@ -26,8 +27,9 @@ class RunState:
     """The state after `epoch` epochs of the run in config.output: where it is new 0, otherwise those that were saved.
 
     optimizer: None for k-nearest-neighbour, which has nothing to descend. best: of the epoch whose checkpoint is
-    OUTPUT/best: "epoch", "accuracy", "loss". history: a value an epoch of each curve. precision: what the first epoch
-    was made in, and so is the rest; None where that is still to be chosen.
+    OUTPUT/best: "epoch", "accuracy" (on the selection split, strangers one more class), "loss". history: a value an
+    epoch of each curve. precision: what the first epoch was made in, and so is the rest; None where that is still to be
+    chosen.
 
     Raises ConfigError where the folder holds another run, CheckpointError where what it holds is broken.
     """
@@ -65,9 +67,9 @@ class RunState:
         """Count one more epoch; save OUTPUT/best where it is the best yet on the selection split, and OUTPUT/last."""
         self.epoch += 1
         self.seconds += seconds
-        # Of equally accurate epochs the surer one.
-        if (selection.accuracy, -selection.loss) > (self.best["accuracy"], -self.best["loss"]):
-            self.best = {"epoch": self.epoch, "accuracy": selection.accuracy, "loss": selection.loss}
+        # Of equally accurate epochs the surer one; strangers are to be answered, too.
+        if (selection.answered, -selection.loss) > (self.best["accuracy"], -self.best["loss"]):
+            self.best = {"epoch": self.epoch, "accuracy": selection.answered, "loss": selection.loss}
             write_checkpoint(self._output / "best", self._checkpoint())
         values = (trained.loss, trained.accuracy, selection.loss, selection.accuracy, trained.learning_rate)
         for name, value in zip(_CURVES, values, strict=True):
@@ -76,7 +78,11 @@ class RunState:
 
     def _checkpoint(self) -> Checkpoint:
         config = self._config
-        return Checkpoint(self.model, self.classes, config.preprocess, 1.0, self.epoch, config.model.name)
+        known = [name for name in self.classes if name != UNKNOWN]
+        refuses = UNKNOWN in self.classes
+        return Checkpoint(
+            self.model, known, config.preprocess, 1.0, self.epoch, config.model.name, none_of_these=refuses
+        )
 
     def _save(self) -> None:
         assert self.precision is not None

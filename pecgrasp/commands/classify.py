@@ -22,11 +22,14 @@ def classify(cfg: DictConfig) -> None:
         prediction = Classifier.load(cfg.checkpoint).predict(points)
     except (CheckpointError, CloudError, FileError, FileNotFoundError) as error:
         sys.exit(f"pecgrasp classify: {error}")
-    print(f"{prediction.label}, confidence {100 * prediction.confidence:.2f} %")
+    print(
+        f"{prediction.label}, known with {100 * prediction.known:.2f} %, confidence {100 * prediction.confidence:.2f} %"
+    )
     for label, probability in sorted(prediction.probabilities.items(), key=lambda item: -item[1]):
         print(f"{label:20}{100 * probability:7.2f} %")
     results = {
         "label": prediction.label,
+        "known": prediction.known,
         "confidence": prediction.confidence,
         "probabilities": prediction.probabilities,
     }

@@ -109,7 +109,9 @@ def _right(
             return np.array(kept["right"], bool)
     predictions = Classifier.load(trained["checkpoint"]).predict(scenes.clouds)
     names = [scenes.classes[label] for label in scenes.labels]
-    right = [each.label == name for each, name in zip(predictions, names, strict=True)]
+    # Which class is likeliest: whether it is one at all is another question.
+    likeliest = [max(each.probabilities, key=lambda name: each.probabilities[name]) for each in predictions]
+    right = [answer == name for answer, name in zip(likeliest, names, strict=True)]
     write_json(path, {"fingerprint": scenes.fingerprint, "right": right})
     return np.array(right, bool)
 

@@ -68,10 +68,14 @@ class NearestNeighbours(nn.Module):
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
         """(B, N, 3) points in any order → (B, n_classes) logarithms of the shares of the votes."""
+        return self.embed(points)[0]
+
+    def embed(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, N, 3) points → `forward`'s logarithms, and the standardised descriptors (B, 37)."""
         descriptors = (describe(points) - self.mean) / self.spread
         distances = squared_distances(descriptors[None], self.known[None])[0]
         nearest = distances.topk(int(self.voters), dim=1, largest=False).indices
-        return self._shares(nearest).log()
+        return self._shares(nearest).log(), descriptors
 
     def _shares(self, nearest: torch.Tensor) -> torch.Tensor:
         """(B, k) indices of neighbours → (B, n_classes) shares of the votes, one vote more for every class (Laplace).

@@ -3,7 +3,7 @@
 #include "preprocessing.h"
 
 /* Raised whenever a function here takes or returns something else; compiled.py names the one that it knows. */
-#define INTERFACE 1
+#define INTERFACE 2
 
 /* A contiguous array of `ndim` dimensions with something in it, the last of length 3 unless there is but one; NULL with
  * an error if not. */
@@ -96,10 +96,30 @@ static PyObject *arrange(PyObject *self, PyObject *arguments)
     return answer;
 }
 
+static PyObject *describe(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *points, *described, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OO", &points, &described))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_buffer *cloud, *out;
+    if ((cloud = array(&arrays, points, "points", "f", 2, 0)) &&
+        (out = array(&arrays, described, "described", "d", 1, 1))) {
+        if (out->shape[0] != 37)
+            PyErr_SetString(PyExc_ValueError, "described: 37 numbers are needed");
+        else
+            answer = describe_points(cloud->buf, cloud->shape[0], out->buf) ? Py_NewRef(Py_None) : PyErr_NoMemory();
+    }
+    release(&arrays);
+    return answer;
+}
+
 static PyMethodDef methods[] = {
     {"sample", sample, METH_VARARGS, "Centred farthest points; False where the cloud is for the reference to judge."},
     {"group", group, METH_VARARGS, "See ordering.group_order: fills `order`."},
     {"arrange", arrange, METH_VARARGS, "Fixed positions take their nearest points: fills `arranged`."},
+    {"describe", describe, METH_VARARGS, "See known.shape_distribution: fills `described`."},
     {NULL, NULL, 0, NULL},
 };
 

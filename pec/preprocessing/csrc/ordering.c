@@ -52,8 +52,7 @@ void group_points(const float *points, ptrdiff_t n, ptrdiff_t size, int64_t *ord
     memcpy(order, sorted + n, (size_t)n * sizeof(*order));
 }
 
-/* Eigenvectors of a symmetric matrix as columns, of falling eigenvalues and right-handed: Jacobi's rotations. */
-static void principal_axes(double a[3][3], double axes[3][3])
+void principal_axes(double a[3][3], double axes[3][3])
 {
     double v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     for (int sweep = 0; sweep < 50; sweep++) {

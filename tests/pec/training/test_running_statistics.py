@@ -52,7 +52,7 @@ def test_few_steps_on_few_clouds_are_evaluated_as_they_were_trained(shapes, tmp_
     if statistics == "corrected":
         assert evaluated > in_training - 0.1
         assert results["best"]["test_accuracy"] > 0.9
-        assert results["warnings"] == []
+        assert [w for w in results["warnings"] if "threshold of the unknown" not in w] == []
     else:
         assert evaluated < in_training - 0.2  # as published, which is why there is a choice
         assert "protocol.running_statistics=corrected" in results["warnings"][0]

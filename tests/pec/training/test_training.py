@@ -25,7 +25,7 @@ from pec.training.run_split import split
 
 
 def _settings(shapes: Path, output: Path, **changes) -> dict:
-    protocol = {"epochs": 15, "batch_size": 16} | changes.pop("protocol", {})
+    protocol = {"epochs": 15, "batch_size": 16, "made_strangers": 0.0} | changes.pop("protocol", {})
     return {
         "dataset": {"path": str(shapes)},
         "output": str(output),
@@ -54,7 +54,8 @@ def test_results_are_written_and_consistent(run):
     assert confusion.sum() == results["n_samples"]["test"] == 30
     assert confusion.trace() / 30 == pytest.approx(results["best"]["test_accuracy"])
     assert results["last"]["epoch"] == 15
-    assert results["n_samples"] == {"train": 84, "selection": 6, "test": 30}
+    sizes = {"train": 84, "selection": 6, "calibration": 6 + 6, "test": 30, "strangers_in_training": 0}
+    assert results["n_samples"] == sizes
     assert list((output / "tensorboard").iterdir())
 
 
@@ -158,7 +159,9 @@ def test_published_protocol_is_full_batch_and_labelled(shapes, tmp_path):
     preprocess = {"ordering": "groups", "group_size": 16}
     results = train(_settings(shapes, tmp_path, protocol=published, preprocess=preprocess, augment={}))
     assert "optimistic" in results["protocol"]
-    assert results["n_samples"] == {"train": 90, "selection": 30, "test": 30}
+    sizes = {"train": 90, "selection": 30, "calibration": 60, "test": 30, "strangers_in_training": 0}
+    assert results["n_samples"] == sizes
+    assert results["warnings"] == []  # the published protocol knows no unseen instances
     assert results["best"]["selection_accuracy"] == results["best"]["test_accuracy"]
     steps = [value for key, value in read_training_state(tmp_path / "last").optimizer.items() if key.endswith("step")]
     assert {int(step) for step in steps} == {3}

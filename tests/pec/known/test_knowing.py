@@ -1,0 +1,95 @@
+"""What is measured of a cloud, and the one probability that it comes to."""
+
+import numpy as np
+import pytest
+import torch
+
+from pec.known.evidence import SCORES, Answers, scores
+from pec.known.fit import find_prototypes, fit_knowing
+from pec.known.knowing import Knowing
+from pec.known.shape_distribution import describe_cloud, reference
+from pec.metrics import area_under_roc
+from pec.networks.baselines.knn import describe
+
+
+def test_descriptor_is_that_of_the_nearest_neighbour_classifier():
+    clouds = np.random.default_rng(0).normal(scale=0.05, size=(5, 64, 3)).astype(np.float32)
+    reference = describe(torch.from_numpy(clouds)).numpy()
+    assert np.stack([describe_cloud(cloud) for cloud in clouds]) == pytest.approx(reference, abs=1e-6)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 64, 200])
+def test_compiled_descriptor_is_that_of_its_reference(n):
+    cloud = np.random.default_rng(n).normal(scale=0.05, size=(n, 3)).astype(np.float32) + np.float32(0.3)
+    assert describe_cloud(cloud) == pytest.approx(reference(cloud), abs=1e-7)
+    assert describe_cloud(np.repeat(cloud[:1], 64, axis=0)) == pytest.approx(np.zeros(37), abs=1e-7)
+
+
+def test_no_rotation_and_no_place_changes_a_descriptor():
+    rng = np.random.default_rng(0)
+    cloud = rng.normal(scale=(0.1, 0.04, 0.01), size=(80, 3))
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    assert describe_cloud(cloud @ rotation.T + 0.3) == pytest.approx(describe_cloud(cloud), abs=1e-6)
+    assert describe_cloud(2 * cloud) == pytest.approx(2 * describe_cloud(cloud), rel=1e-5)
+
+
+def _answers(rng, n, centre, none=None):
+    """n clouds whose features lie about `centre` (2,), which the network takes for class 0 with logits 4 and 0."""
+    logits = np.tile([4.0, 0.0] if none is None else [4.0, 0.0, none], (n, 4, 1)) + rng.normal(
+        scale=0.1, size=(n, 4, 1)
+    )
+    descriptors = np.abs(rng.normal(0.1, 0.01, size=(n, 37)))
+    return Answers(logits, centre + rng.normal(size=(n, 2)), descriptors, 2)
+
+
+def _fitted(rng, none=(None, None)):
+    training = _answers(rng, 200, 0.0, none[0])
+    prototypes = find_prototypes(training, np.arange(200) % 2)
+    known, strangers = _answers(rng, 60, 0.0, none[0]), _answers(rng, 60, 9.0, none[1])
+    both = Answers(
+        *(
+            np.concatenate([getattr(a, name) for a in (known, strangers)])
+            for name in ("logits", "features", "descriptors")
+        ),
+        2,
+    )
+    knowing = fit_knowing(prototypes, both, np.arange(120) >= 60, np.arange(120))
+    return knowing, known, strangers
+
+
+def test_known_is_high_for_the_known_and_low_for_strangers():
+    knowing, known, strangers = _fitted(np.random.default_rng(0))
+    of_known, of_strangers = (knowing.known(a) for a in (known, strangers))
+    assert of_known.min() > 0.5 > of_strangers.max()
+    assert ((of_known <= 1) & (of_strangers >= 0)).all()
+
+
+def test_no_score_that_says_strange_makes_a_cloud_more_known():
+    for none in ((None, None), (-4.0, 4.0)):
+        knowing, known, _ = _fitted(np.random.default_rng(1), none)
+        assert (knowing.weights <= 0).all()
+        values = scores(known, knowing.prototypes)
+        for place in range(len(SCORES)):
+            stranger = values.copy()
+            stranger[:, place] += 1
+            assert (knowing.of_scores(stranger) <= knowing.of_scores(values)).all()
+
+
+def test_what_the_network_says_of_strangers_counts():
+    silent, _, _ = _fitted(np.random.default_rng(2))
+    asked, _, _ = _fitted(np.random.default_rng(2), (-4.0, 4.0))
+    assert silent.weights[SCORES.index("none of these")] == 0
+    assert asked.weights[SCORES.index("none of these")] < 0
+
+
+def test_a_model_survives_a_file(tmp_path):
+    knowing, known, _ = _fitted(np.random.default_rng(3))
+    again = Knowing.from_tensors(knowing.tensors())
+    assert np.array_equal(again.known(known), knowing.known(known))
+
+
+def test_area_under_the_curve_of_known_cases():
+    assert area_under_roc(np.array([0.9, 0.8]), np.array([0.1, 0.2, 0.3])) == 1.0
+    assert area_under_roc(np.array([0.1]), np.array([0.9])) == 0.0
+    assert area_under_roc(np.array([0.5, 0.5]), np.array([0.5])) == 0.5
+    assert area_under_roc(np.array([0.4, 0.9]), np.array([0.5, 0.9])) == pytest.approx((0.5 + 1) / 4)
