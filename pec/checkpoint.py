@@ -3,6 +3,7 @@
 config.json               network, classes, preprocessing, temperature, threshold of the unknown, versions, epoch
 model.safetensors         weights and batch-norm statistics
 knowing.safetensors       what tells the known from strangers (`pec.known.knowing.Knowing`); older checkpoints have none
+enrolled.safetensors      clouds of classes that were shown later, as descriptors, where there are such
 training_state/           only where training goes on from here
     optimizer.safetensors     Adam's moments, one tensor a parameter
     progress.json             epoch, history, best so far, the configuration. Random draws are seeded by (seed, epoch),
@@ -14,7 +15,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from torch import nn
 
 from pec.common.atomic_files import current_directory, replacing_directory
 from pec.errors import CheckpointError, ConfigError
+from pec.known.enrolled import Enrolled
 from pec.known.knowing import Knowing
 from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
@@ -58,6 +60,9 @@ class Checkpoint:
     knowing: Knowing | None = None
     """What `Prediction.known` is made of; None: of the confidence."""
 
+    enrolled: Enrolled = field(default_factory=Enrolled)
+    """Classes that were shown to it and not trained."""
+
     @property
     def n_outputs(self) -> int:
         return len(self.classes) + self.none_of_these
@@ -80,6 +85,7 @@ def write_checkpoint(
         "network": checkpoint.network,
         "n_points": checkpoint.preprocess.n_points,
         "classes": checkpoint.classes,
+        "enrolled": list(checkpoint.enrolled.names),
         "none_of_these": checkpoint.none_of_these,
         "preprocess": asdict(checkpoint.preprocess),
         "temperature": checkpoint.temperature,
@@ -93,6 +99,9 @@ def write_checkpoint(
         save_file(tensors, new / "model.safetensors")
         if checkpoint.knowing is not None:
             save_arrays(checkpoint.knowing.tensors(), new / "knowing.safetensors")
+        if checkpoint.enrolled.names:
+            shown = {str(place): each for place, each in enumerate(checkpoint.enrolled.descriptors)}
+            save_arrays(shown, new / "enrolled.safetensors")
         if state is not None:
             (new / "training_state").mkdir()
             save_file(state.optimizer, new / "training_state" / "optimizer.safetensors")
@@ -117,6 +126,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         temperature, epoch = float(config["temperature"]), int(config["epoch"])
         unknown_below = float(config.get("unknown_below", 0.0))  # older checkpoints have none
         none_of_these = bool(config.get("none_of_these", False))
+        names = tuple(str(name) for name in config.get("enrolled", ()))
     except (KeyError, TypeError, ConfigError) as error:
         raise CheckpointError(f"{directory}/config.json is not a checkpoint's: {error!r}") from error
     try:
@@ -125,6 +135,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         raise CheckpointError(f"{directory}/config.json: {error}") from error
     tensors = _read_tensors(directory / "model.safetensors")
     knowing = _read_knowing(directory / "knowing.safetensors")
+    enrolled = _read_enrolled(directory / "enrolled.safetensors", names)
     try:
         model.load_state_dict(tensors)
     except RuntimeError as error:
@@ -132,7 +143,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
             f"{directory}: the weights do not fit {len(classes)} classes and {preprocess.n_points} points: {error}"
         ) from error
     return Checkpoint(
-        model.eval(), classes, preprocess, temperature, epoch, network, unknown_below, none_of_these, knowing
+        model.eval(), classes, preprocess, temperature, epoch, network, unknown_below, none_of_these, knowing, enrolled
     )
 
 
@@ -174,6 +185,16 @@ def _read_knowing(path: Path) -> Knowing | None:
     try:
         return Knowing.from_tensors(load_arrays(path))
     except (SafetensorError, KeyError) as error:
+        raise CheckpointError(f"{path} is broken: {error!r}") from error
+
+
+def _read_enrolled(path: Path, names: tuple[str, ...]) -> Enrolled:
+    if not names:
+        return Enrolled()
+    try:
+        shown = load_arrays(path)
+        return Enrolled(names, tuple(shown[str(place)] for place in range(len(names))))
+    except (SafetensorError, KeyError, OSError) as error:
         raise CheckpointError(f"{path} is broken: {error!r}") from error
 
 

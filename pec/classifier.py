@@ -10,7 +10,7 @@ from typing import overload
 import numpy as np
 import torch
 
-from pec.checkpoint import Checkpoint, read_checkpoint
+from pec.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from pec.common.threads import torch_threads
 from pec.data.dataset import UNKNOWN
 from pec.errors import CheckpointError, CloudError, ConfigError
@@ -40,6 +40,7 @@ class Classifier:
     def __init__(self, checkpoint: Checkpoint, seed: int = 0) -> None:
         self._checkpoint = checkpoint
         self._embed = fast_embed(checkpoint.model)
+        self._classes = [*checkpoint.classes, *checkpoint.enrolled.names]
         self._seed = seed
         self._unused = np.random.default_rng(seed)
 
@@ -61,9 +62,10 @@ class Classifier:
         probability.
         """
         checkpoint = read_checkpoint(directory)
-        if classes is not None and set(classes) != set(checkpoint.classes):
+        there = [*checkpoint.classes, *checkpoint.enrolled.names]
+        if classes is not None and set(classes) != set(there):
             raise CheckpointError(
-                f"checkpoint {directory} knows the classes {', '.join(checkpoint.classes)}, not {', '.join(classes)}"
+                f"checkpoint {directory} knows the classes {', '.join(there)}, not {', '.join(classes)}"
             )
         if unknown_below is not None:
             if not 0 <= unknown_below <= 1:
@@ -73,8 +75,8 @@ class Classifier:
 
     @property
     def classes(self) -> list[str]:
-        """The names of the known classes, in the order of the network's outputs."""
-        return list(self._checkpoint.classes)
+        """The names of the known classes: those of the network's outputs, then those that were enrolled."""
+        return list(self._classes)
 
     @property
     def n_points(self) -> int:
@@ -95,13 +97,7 @@ class Classifier:
             return self._predict([self._sample(points)])[0]
         predictions: list[Prediction] = []
         for begin in range(0, len(points), _TOGETHER):
-            samples = []
-            for index, cloud in enumerate(points[begin : begin + _TOGETHER], begin):
-                try:
-                    samples.append(self._sample(cloud))
-                except CloudError as error:
-                    raise CloudError(f"cloud {index}: {error}") from error
-            predictions += self._predict(samples)
+            predictions += self._predict(self._samples(points[begin : begin + _TOGETHER], begin))
         return predictions
 
     def _sample(self, points: np.ndarray) -> np.ndarray:
@@ -109,21 +105,58 @@ class Classifier:
         rng = np.random.default_rng(self._seed) if preprocess.draws else self._unused
         return preprocess.sample(points, rng)
 
+    def enrol(self, name: str, clouds: Sequence[np.ndarray]) -> Classifier:
+        """A classifier that knows one class more, from clouds (N, 3) of it, one at least; this one stays as it is.
+
+        Nothing is trained: what is near to one of the clouds is of the class (`pec.known.enrolled`), as far as no other
+        class is likelier. The more sides the clouds show, the better; eight are a good start.
+        Raises ConfigError where the name is empty, reserved or taken, CloudError where there is no cloud or a bad one,
+        CheckpointError where the checkpoint is of an older version, which knows nothing of nearness.
+        """
+        checkpoint = self._checkpoint
+        if not name or name == UNKNOWN:
+            raise ConfigError(f"a class cannot be called {name!r}")
+        if name in self.classes:
+            raise ConfigError(f"there is a class {name!r} already; the classes are {', '.join(self.classes)}")
+        if checkpoint.knowing is None:
+            raise CheckpointError("this checkpoint is of a version that cannot be shown new classes: train it anew")
+        if not len(clouds):
+            raise CloudError(f"class {name!r} needs at least one cloud")
+        samples = self._samples(clouds, 0)
+        enrolled = checkpoint.enrolled.with_class(name, described(samples))
+        return Classifier(replace(checkpoint, enrolled=enrolled), self._seed)
+
+    def save(self, directory: str | os.PathLike[str]) -> None:
+        """Write it as a checkpoint that `load` reads, enrolled classes included; atomically."""
+        write_checkpoint(directory, self._checkpoint)
+
+    def _samples(self, clouds: Sequence[np.ndarray], first: int) -> list[np.ndarray]:
+        """Candidates of each; an error names a cloud by its number, `first` that of the first."""
+        samples = []
+        for index, cloud in enumerate(clouds, first):
+            try:
+                samples.append(self._sample(cloud))
+            except CloudError as error:
+                raise CloudError(f"cloud {index}: {error}") from error
+        return samples
+
     def _predict(self, samples: list[np.ndarray]) -> list[Prediction]:
         checkpoint = self._checkpoint
-        classes, knowing = checkpoint.classes, checkpoint.knowing
+        knowing, n_trained = checkpoint.knowing, len(checkpoint.classes)
         # Before the weights push all else out of the caches.
         descriptors = described(samples if knowing else [])
         with torch_threads(1), torch.no_grad():
             # All at once: of a few clouds, the time goes into reading the weights, not into their products.
             views = torch.from_numpy(checkpoint.preprocess.views(samples))
             logits, features = self._embed(views.flatten(0, 1))
-        answers = answers_of(logits, features, descriptors, len(classes), views.shape[1])
-        rows = tempered(answers.log_probabilities[:, : len(classes)], checkpoint.temperature)
-        confidence = rows.max(axis=1)
-        known = confidence if knowing is None else knowing.known(answers)
+        answers = answers_of(logits, features, descriptors, n_trained, views.shape[1])
+        rows = tempered(answers.log_probabilities[:, :n_trained], checkpoint.temperature)
+        known = rows.max(axis=1) if knowing is None else knowing.known(answers)
+        if knowing is not None and checkpoint.enrolled.names:
+            rows, known = checkpoint.enrolled.answer(knowing.nearness, descriptors, rows, known)
         predictions = []
-        for row, sure, score in zip(rows.tolist(), confidence.tolist(), known.tolist(), strict=True):
-            label = classes[row.index(sure)] if score >= checkpoint.unknown_below else UNKNOWN
-            predictions.append(Prediction(label, sure, dict(zip(classes, row, strict=True)), score))
+        for row, score in zip(rows.tolist(), known.tolist(), strict=True):
+            confidence = max(row)
+            label = self._classes[row.index(confidence)] if score >= checkpoint.unknown_below else UNKNOWN
+            predictions.append(Prediction(label, confidence, dict(zip(self._classes, row, strict=True)), score))
         return predictions

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pec.known.evidence import SCORES, Answers, Prototypes, log_size, scores
-from pec.known.knowing import Knowing
 
-__all__ = ["find_prototypes", "fit_knowing"]
+__all__ = ["find_prototypes", "fit_known"]
 
 _PROTOTYPES = 32  # of a class
 _ROUNDS = 20
@@ -41,10 +40,13 @@ def find_prototypes(answers: Answers, labels: np.ndarray, seed: int = 0) -> Prot
     )
 
 
-def fit_knowing(prototypes: Prototypes, answers: Answers, stranger: np.ndarray, instances: np.ndarray) -> Knowing:
-    """The logistic model from clouds (n,) of which `stranger` (n,) bool are none of the classes, some and not all.
+def fit_known(
+    prototypes: Prototypes, answers: Answers, stranger: np.ndarray, instances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Centre, unit, weights and bias of the logistic model (`Knowing`).
 
-    instances (n,): each counts once, however many clouds it has, and strangers as much as known things.
+    Of clouds (n,) of which `stranger` (n,) bool are none of the classes, some and not all. instances (n,): each counts
+    once, however many clouds it has, and strangers as much as known things.
     """
     from scipy.optimize import minimize  # slow to import, and only training fits
 
@@ -65,7 +67,7 @@ def fit_knowing(prototypes: Prototypes, answers: Answers, stranger: np.ndarray, 
 
     bounds = [(None, 0.0)] * len(SCORES) + [(None, None)]
     found = minimize(loss, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=bounds).x
-    return Knowing(prototypes, centre, unit, found[:-1], float(found[-1]))
+    return centre, unit, found[:-1], float(found[-1])
 
 
 def _whitening(residuals: np.ndarray) -> np.ndarray:

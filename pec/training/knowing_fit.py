@@ -10,8 +10,10 @@ import torch
 
 from pec.checkpoint import Checkpoint
 from pec.data.tensor_dataset import PreparedClouds
-from pec.known.evidence import SCORES, Answers, answers_of, described
-from pec.known.fit import find_prototypes, fit_knowing
+from pec.known.enrolled import fit_nearness
+from pec.known.evidence import SCORES, Answers, answers_of, described, scores
+from pec.known.fit import find_prototypes, fit_known
+from pec.known.knowing import Knowing, logistic
 from pec.metrics import UNSEEN_REJECTED, area_under_roc, arrange_views, rejection_threshold
 from pec.networks.registry import fast_embed
 from pec.training.run_data import RunData
@@ -25,13 +27,25 @@ def with_knowing(checkpoint: Checkpoint, data: RunData) -> Checkpoint:
     """The checkpoint with `knowing` and the threshold that 95 in 100 clouds of the calibration split's known things
     pass; of fewer than 19 such clouds all do, and an even chance is enough."""
     n_known = len(checkpoint.classes)
-    known = data.training.of_known(n_known)
-    prototypes = find_prototypes(answers_on(checkpoint, known), known.labels.cpu().numpy())
-    answers = answers_on(checkpoint, data.calibration)
+    trained = data.training.of_known(n_known)
+    seen, unseen = answers_on(checkpoint, trained), answers_on(checkpoint, data.calibration)
+    prototypes = find_prototypes(seen, trained.labels.cpu().numpy())
     stranger = (data.calibration.labels >= n_known).cpu().numpy()
-    knowing = fit_knowing(prototypes, answers, stranger, data.calibration.instances.cpu().numpy())
-    scores = torch.from_numpy(knowing.known(answers[~stranger]))
-    threshold = rejection_threshold(scores, UNSEEN_REJECTED) or min(0.5, scores.min().item())
+    instances = data.calibration.instances.cpu().numpy()
+    model = fit_known(prototypes, unseen, stranger, instances)
+    of_known = logistic(scores(unseen[~stranger], prototypes), *model)
+    threshold = rejection_threshold(torch.from_numpy(of_known), UNSEEN_REJECTED) or min(0.5, of_known.min().item())
+    # Rather things that training has not seen; of things that are there once only, whole classes.
+    descriptors, things = next(
+        (each.descriptors, of_each)
+        for each, of_each in (
+            (unseen, instances),
+            (seen, trained.instances.cpu().numpy()),
+            (seen, trained.labels.cpu().numpy()),
+        )
+        if (np.unique(of_each, return_counts=True)[1] > 1).sum() > 1
+    )
+    knowing = Knowing(prototypes, *model, fit_nearness(descriptors, things, threshold))
     return replace(checkpoint, knowing=knowing, unknown_below=threshold)
 
 

@@ -54,7 +54,7 @@ def test_cloud_is_classified_alike_alone_and_in_a_list(tmp_path, preprocess):
 def test_trained_classifier_knows_its_shapes(shapes, tmp_path):
     from pec.training.loop import train
 
-    protocol = {"epochs": 15, "batch_size": 16}
+    protocol = {"epochs": 15, "batch_size": 16, "made_strangers": 0.0}
     settings = {"dataset": {"path": str(shapes)}, "output": str(tmp_path), "protocol": protocol, "progress": False}
     classifier = Classifier.load(train(settings)["checkpoint"], classes=["rod", "plate", "ball"])
     dataset = load_dataset(shapes)

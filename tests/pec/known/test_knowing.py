@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from pec.known.enrolled import Nearness
 from pec.known.evidence import SCORES, Answers, scores
-from pec.known.fit import find_prototypes, fit_knowing
-from pec.known.knowing import Knowing
+from pec.known.fit import find_prototypes, fit_known
+from pec.known.knowing import Knowing, logistic
 from pec.known.shape_distribution import describe_cloud, reference
 from pec.metrics import area_under_roc
 from pec.networks.baselines.knn import describe
@@ -53,7 +54,8 @@ def _fitted(rng, none=(None, None)):
         ),
         2,
     )
-    knowing = fit_knowing(prototypes, both, np.arange(120) >= 60, np.arange(120))
+    model = fit_known(prototypes, both, np.arange(120) >= 60, np.arange(120))
+    knowing = Knowing(prototypes, *model, Nearness(np.zeros(37), np.ones(37), np.zeros(6), -1.0, 0.0))
     return knowing, known, strangers
 
 
@@ -72,7 +74,11 @@ def test_no_score_that_says_strange_makes_a_cloud_more_known():
         for place in range(len(SCORES)):
             stranger = values.copy()
             stranger[:, place] += 1
-            assert (knowing.of_scores(stranger) <= knowing.of_scores(values)).all()
+            before, after = (
+                logistic(each, knowing.centre, knowing.unit, knowing.weights, knowing.bias)
+                for each in (values, stranger)
+            )
+            assert (after <= before).all()
 
 
 def test_what_the_network_says_of_strangers_counts():

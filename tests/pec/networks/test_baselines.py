@@ -154,7 +154,7 @@ def test_nearest_neighbours_know_what_they_were_shown():
 
 
 def _settings(shapes, output, name, **changes):
-    protocol = {"epochs": 5, "batch_size": 16} | changes.pop("protocol", {})
+    protocol = {"epochs": 5, "batch_size": 16, "made_strangers": 0.0} | changes.pop("protocol", {})
     return {
         "dataset": {"path": str(shapes)},
         "preprocess": {"ordering": "none"},

@@ -36,7 +36,7 @@ def test_own_network_is_trained_and_loaded_by_its_dotted_name(own_module, shapes
         "dataset": {"path": str(shapes)},
         "model": {"name": f"{own_module}.Flat"},
         "output": str(tmp_path / "run"),
-        "protocol": {"epochs": 1},
+        "protocol": {"epochs": 1, "made_strangers": 0.0},
         "progress": False,
     }
     results = train(settings)

@@ -42,7 +42,13 @@ def test_few_steps_on_few_clouds_are_evaluated_as_they_were_trained(shapes, tmp_
         "dataset": {"path": str(shapes), "samples_per_instance": 12},
         "output": str(tmp_path),
         "augment": {},
-        "protocol": {"epochs": 25, "learning_rate": 0.005, "running_statistics": statistics},  # a step an epoch
+        # A step an epoch.
+        "protocol": {
+            "epochs": 25,
+            "learning_rate": 0.005,
+            "running_statistics": statistics,
+            "made_strangers": 0.0,
+        },
         "progress": False,
     }
     results = train(settings)
