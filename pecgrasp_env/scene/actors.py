@@ -68,7 +68,9 @@ class Recipe:
         known = self._draw_known(rng, wish)
         if self.strangers is None or not self.n_strangers:
             return known
-        return choice.mix_in(known, choice.draw_strangers(self.strangers, self.n_strangers, rng, wish.strangers), rng)
+        return choice.mix_in(
+            known, choice.draw_strangers(self.strangers, self.n_strangers, known, rng, wish.strangers), rng
+        )
 
     def _draw_known(self, rng: np.random.Generator, wish: Wish) -> list[ObjectModel]:
         if wish.objects is not None:

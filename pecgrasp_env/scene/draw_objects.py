@@ -12,6 +12,9 @@ from pecgrasp_env.objects.strangers import Strangers
 from pecgrasp_env.scene.placement import PlacementError, can_rest
 
 STRANGER = -1  # instead of the index of a class
+_ROOM_M2, _AIR_M = 0.17, 0.03  # of the table that objects may cover, each with so much air, and still find places
+_SMALL_M2 = 0.015  # what is kept free for each stranger to come
+_LOOKED_AT = 50  # strangers, for one that fits
 
 
 def draw_classes(
@@ -72,24 +75,44 @@ def mix_in(known: list[ObjectModel], strangers: list[ObjectModel], rng: np.rando
 
 
 def draw_strangers(
-    source: Strangers, n: int, rng: np.random.Generator, given: Sequence[int] | None = None
+    source: Strangers,
+    n: int,
+    beside: Sequence[ObjectModel],
+    rng: np.random.Generator,
+    given: Sequence[int] | None = None,
 ) -> list[ObjectModel]:
-    """``n`` strangers, different ones while there are enough. given: their numbers, where they are not drawn.
+    """``n`` strangers, different ones while there are enough, and none that leaves no room for the others and those
+    ``beside`` them, as long as there are smaller ones. given: their numbers, where they are not drawn.
 
     Raises PlacementError where all of them roll on and never rest, as balls do, which are not drawn.
     """
     if given is not None:
         return [source.load(i) for i in given]
-    there = len(source.names)
     models: list[ObjectModel] = []
+    room = _ROOM_M2 - sum(map(_footprint, beside))
     while len(models) < n:
-        before = len(models)
-        for i in rng.permutation(there).tolist():
-            if len(models) < n and can_rest(source.load(i)):
-                models.append(source.load(i))
-        if len(models) == before:
-            raise PlacementError(f"strangers: none of {there} comes to rest on a table")
+        drawn = len(models)
+        large: list[ObjectModel] = []
+        for i in rng.permutation(len(source.names))[:_LOOKED_AT].tolist():
+            model = source.load(i)
+            if len(models) == n or not can_rest(model):
+                continue
+            if _footprint(model) + (n - len(models) - 1) * _SMALL_M2 <= room:
+                models.append(model)
+                room -= _footprint(model)
+            else:
+                large.append(model)
+        if len(models) == drawn and not large:
+            raise PlacementError(f"strangers: none of {len(source.names)} comes to rest on a table")
+        if len(models) == drawn:
+            models.append(min(large, key=_footprint))
     return models
+
+
+def _footprint(model: ObjectModel) -> float:
+    """m² of the table that an object takes as it usually lies, with some air around it."""
+    shorter, longer = np.sort(model.extents)[1:] + _AIR_M
+    return float(shorter * longer)
 
 
 def draw_instances(

@@ -108,6 +108,6 @@ def test_strangers_that_roll_on_are_not_drawn(tmp_path):
     ball.export(tmp_path / "ball.ply")
     box.export(tmp_path / "box.ply")
     strangers = StrangerMeshes(tmp_path)
-    drawn = draw_strangers(strangers, 3, np.random.default_rng(0))
+    drawn = draw_strangers(strangers, 3, [], np.random.default_rng(0))
     assert [model.instance for model in drawn] == ["box"] * 3
-    assert [model.instance for model in draw_strangers(strangers, 1, np.random.default_rng(0), [0])] == ["ball"]
+    assert [model.instance for model in draw_strangers(strangers, 1, [], np.random.default_rng(0), [0])] == ["ball"]
