@@ -79,6 +79,11 @@ class Classifier:
         return list(self._classes)
 
     @property
+    def unknown_below(self) -> float:
+        """The `Prediction.known` below which a cloud is UNKNOWN."""
+        return self._checkpoint.unknown_below
+
+    @property
     def n_points(self) -> int:
         """The fewest points that a cloud must have."""
         return self._checkpoint.preprocess.n_points

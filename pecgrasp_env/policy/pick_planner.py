@@ -85,14 +85,16 @@ class PickPlanner:
         return index
 
     def choose(self, objects: list[SeenObject]) -> int | None:
-        """The likeliest object, if it is likely enough."""
+        """The likeliest object, if it is likely enough, and known enough for the classifier to be of a class at all."""
         index = self.likeliest(objects)
-        return index if self._log.confidence >= self._min_confidence else None
+        if index is None or self._log.confidence < self._min_confidence:
+            return None
+        known = objects[index].known
+        return index if known == 1 or known >= getattr(self._classifier, "unknown_below", 0.0) else None
 
     def is_sure(self, objects: list[SeenObject]) -> bool:
         """Whether one look is enough: the object is likely, whole, and no other could be it."""
-        index = self.likeliest(objects)
-        if index is None or self.doubt(objects) is not None:
+        if self.choose(objects) is None or self.doubt(objects) is not None:
             return False
         if self._classifier is None:
             return True

@@ -46,7 +46,7 @@ class SeenObject:
         does so from the next.
         """
         names = sorted({name for view in self.evidence for name in view} - {UNKNOWN})
-        known = self._known()
+        known = self.known
         if not names:
             return {UNKNOWN: 1.0 - known}
         logs = np.array([sum(np.log(max(view.get(name, 0.0), 1e-3)) for view in self.evidence) for name in names])
@@ -54,7 +54,8 @@ class SeenObject:
         shares = dict(zip(names, (known * weights / weights.sum()).tolist(), strict=True))
         return shares | ({UNKNOWN: 1.0 - known} if known < 1 else {})
 
-    def _known(self) -> float:
+    @property
+    def known(self) -> float:
         """The probability that it is of one of the classes; 1 where no view says otherwise."""
         strange = [view[UNKNOWN] for view in self.evidence if UNKNOWN in view]
         if not strange:

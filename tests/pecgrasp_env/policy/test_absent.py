@@ -105,6 +105,16 @@ def test_in_doubt_it_looks_again_before_it_touches(env, labels):
     assert unsure.views > 1
 
 
+def test_what_the_classifier_would_not_call_known_is_not_touched(env, labels):
+    classifier = Knows(labels(env), known=0.85)
+    classifier.unknown_below = 0.9
+    episode = run_episode(env, ScriptedPolicy(classifier, answers=True, attempts=1), seed_of(env, False))
+    assert (episode.outcome, episode.views) == ("denied", 4)
+    classifier.unknown_below = 0.8
+    episode = run_episode(env, ScriptedPolicy(classifier, answers=True, attempts=1), seed_of(env, False))
+    assert episode.outcome == "success"
+
+
 def test_actions_carry_the_answer(env, labels):
     obs, info = env.reset(seed=seed_of(env, True))
     policy = ScriptedPolicy(labels(env), answers=True)
