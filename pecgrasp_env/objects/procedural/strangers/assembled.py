@@ -42,6 +42,7 @@ __all__ = [
     "brush",
     "coil",
     "device",
+    "dish",
     "lamp",
     "mass_of",
     "paint",
@@ -113,9 +114,19 @@ def turned(rng: np.random.Generator) -> Draft:
 
 
 def shell(rng: np.random.Generator) -> Draft:
-    """A hollow body of revolution, open at its top: a plate, a dish, a tumbler, a goblet, a pan, a vase, a bucket."""
+    """A hollow body of revolution, open at its top: a tumbler, a goblet, a vase, a bucket, a saucepan, a mortar."""
+    return _hollow(rng, between(rng, 0.4, 4.5))
+
+
+def dish(rng: np.random.Generator) -> Draft:
+    """The same, but shallow: a plate, a saucer, a frying pan, a lid, an ashtray, a tray for drinks."""
+    return _hollow(rng, between(rng, 0.08, 0.35))
+
+
+def _hollow(rng: np.random.Generator, deep: float) -> Draft:
+    """`deep` radii; now and then with a handle, two ears, or a stem."""
     radius = between(rng, 18, 110)
-    height = float(np.clip(radius * between(rng, 0.12, 4.5), 9, 260))
+    height = float(np.clip(radius * deep, 9, 260))
     wall = rng.uniform(2.5, 5)
     floor = rng.uniform(3, 0.25 * height + 3)
     foot = radius * rng.uniform(0.35, 1.0)

@@ -7,9 +7,8 @@ what is kin of what.
 
 from __future__ import annotations
 
-import re
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -19,45 +18,26 @@ from pecgrasp_env.objects.errors import ObjectError
 from pecgrasp_env.objects.model import Draft, ObjectModel, assemble
 from pecgrasp_env.objects.procedural.catalogue import CLASSES, make_object
 from pecgrasp_env.objects.procedural.primitives import PRIMITIVES
-from pecgrasp_env.objects.procedural.strangers import assembled, blended, jointed
+from pecgrasp_env.objects.procedural.strangers import assembled, blended, jointed, slender
+from pecgrasp_env.objects.procedural.strangers.kin import kin_of
 from pecgrasp_env.objects.procedural.strangers.likeness import Likeness
 from pecgrasp_env.objects.procedural.strangers.near import deformed, fragment, fused
 from pecgrasp_env.objects.strangers import UNKNOWN
 
-__all__ = ["FORMS", "DrawnStrangers", "kin_of", "stranger", "strangers_for"]
+__all__ = ["FORMS", "DrawnStrangers", "stranger", "strangers_for"]
 
 FORMS: dict[str, Callable[[np.random.Generator], Draft]] = {
     **PRIMITIVES,
     **{name: getattr(assembled, name) for name in assembled.__all__ if name not in ("mass_of", "paint", "between")},
     **{name: getattr(blended, name) for name in blended.__all__},
     **{name: getattr(jointed, name) for name in jointed.__all__},
+    **{name: getattr(slender, name) for name in slender.__all__},
 }
-"""Generators of composed strangers, each drawn equally often, the plain ones of `PRIMITIVES` a third as often."""
-
-_KIN = (
-    {"joypad", "controller", "gamepad"},
-    {"plug", "adapter", "charger", "plug_adapter"},
-    {"can", "tin", "cylinder"},
-    {"box", "carton", "packet", "package", "cuboid"},
-    {"bottle", "flask"},
-    {"mug", "cup", "tumbler", "pot", "glass"},
-    {"bowl", "basin", "dish", "plate"},
-    {"pliers", "cutter", "wire_cutter", "open_wire_cutter", "pincers", "clamp"},
-)
-"""Words for things that a person might call by one another's name."""
+"""Generators of composed strangers, each drawn equally often."""
 
 _LEAST_SIDE, _MOST_SIDE = 0.018, 0.32  # m, of the longest side
 _TRIES = 40
 _KINDS = {1: "of another class", 3: "out of proportion", 5: "cut off", 7: "pressed together"}  # of ten in a row
-
-
-def kin_of(classes: Iterable[str]) -> frozenset[str]:
-    """Names of forms and of classes of the catalogue that are one of `classes` or kin of one, by the words in them."""
-    words = {name.lower() for name in classes}
-    words |= {word for name in list(words) for word in re.split(r"[\W_\d]+", name)}
-    words |= {word.removesuffix(end) for word in words for end in ("s", "es")}  # plurals
-    kin = {word for group in _KIN if group & words for word in group}
-    return frozenset(name for name in (*FORMS, *CLASSES) if name in kin | words)
 
 
 @lru_cache(maxsize=1024)
@@ -72,9 +52,8 @@ def stranger(index: int, apart_from: tuple[str, ...] = ()) -> ObjectModel:
     kin = kin_of(apart_from)
     rng = np.random.default_rng([zlib.crc32(UNKNOWN.encode()), index])
     forms = [name for name in FORMS if name not in kin]
-    weight = np.array([0.33 if name in PRIMITIVES else 1.0 for name in forms])
     for _ in range(_TRIES):
-        form = forms[int(rng.choice(len(forms), p=weight / weight.sum()))]
+        form = forms[int(rng.integers(len(forms)))]
         pieces, mass = FORMS[form](rng)
         model = assemble(UNKNOWN, f"{form}_{index:05d}", pieces, mass)
         if _LEAST_SIDE <= float(model.extents.max()) <= _MOST_SIDE:

@@ -9,6 +9,7 @@ import pytest
 
 from pec import classifier
 from pecgrasp_env.objects import (
+    CLASSES,
     LARS_CLASSES,
     UNKNOWN,
     DrawnStrangers,
@@ -20,7 +21,8 @@ from pecgrasp_env.objects import (
 from pecgrasp_env.objects.meshing.convex_hulls import convex_hull
 from pecgrasp_env.objects.meshing.edges import Edges
 from pecgrasp_env.objects.model import assemble
-from pecgrasp_env.objects.procedural.strangers.draw import FORMS, kin_of
+from pecgrasp_env.objects.procedural.strangers.draw import FORMS
+from pecgrasp_env.objects.procedural.strangers.kin import kin_of
 from pecgrasp_env.objects.procedural.strangers.likeness import ALIKE, Likeness
 
 
@@ -55,11 +57,16 @@ def test_a_number_draws_the_same_thing_again_and_another_number_another():
 
 
 def test_kin_by_name_is_left_out_whatever_a_folder_calls_it():
-    assert {"mug", "cup", "pot"} <= kin_of(["coffee_mug"])
+    assert {"mug", "cup", "pot", "shell"} <= kin_of(["coffee_mug"])
     assert {"box", "cuboid"} <= kin_of(["Boxes"])
     assert {"can", "cylinder"} <= kin_of(["007_tuna_can"])
-    assert kin_of(["giraffe"]) == frozenset()
-    assert "toy" not in kin_of(LARS_CLASSES)
+    assert {"tool"} <= kin_of(["Hammers"])
+    assert kin_of(["giraffe"]) & {*FORMS, *CLASSES} == set()
+    kin_of_lars = kin_of(LARS_CLASSES) & {*FORMS, *CLASSES}
+    assert kin_of_lars == {*LARS_CLASSES, "clamp", "wire_cutter", "open_wire_cutter"}
+    drawn = {stranger(i, ("banana",)).instance.rpartition("_")[0] for i in range(60)}
+    assert len(drawn) > 20
+    assert "wand" not in drawn
 
 
 def test_strangers_are_of_all_kinds_and_none_is_one_of_the_classes():
