@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SURELY_TWO = -0.5  # mean log odds along a common border, below which halves are two things
+MOSTLY = 0.5  # of either half's pixels, in faces that may go on in the other: in a heap, some always do by chance
 
 
 def join_halves(grouping: Grouping, pixels: FloatArray) -> Grouping:
@@ -40,10 +41,11 @@ def _surest(grouping: Grouping, group: IntArray, far: IntArray, pixels: FloatArr
     for pair in apart[np.argsort(-grouping.odds[apart], kind="stable")].tolist():
         i, j = int(one[pair]), int(other[pair])
         pairs.setdefault((min(i, j), max(i, j)), []).append(pair)
+    sizes = np.bincount(group, pixels)
     best, halves = 0.0, None
     for (i, j), between in pairs.items():
-        sure = _agreement(grouping, between, pixels)
-        if sure <= best:
+        sure, matched = _agreement(grouping, between, pixels)
+        if sure <= best or any(pixels[matched[group[matched] == k]].sum() < MOSTLY * sizes[k] for k in (i, j)):
             continue
         border = np.flatnonzero(grouping.adjoin & (((one == i) & (other == j)) | ((one == j) & (other == i))))
         length = grouping.length[border]
@@ -53,16 +55,18 @@ def _surest(grouping: Grouping, group: IntArray, far: IntArray, pixels: FloatArr
     return halves
 
 
-def _agreement(grouping: Grouping, pairs: list[int], pixels: FloatArray) -> float:
-    """Mean log odds of pairs, the likeliest first, in which no patch is twice, weighted by the smaller one's size."""
-    used: set[int] = set()
+def _agreement(grouping: Grouping, pairs: list[int], pixels: FloatArray) -> tuple[float, IntArray]:
+    """Mean log odds of pairs, the likeliest first, in which no patch is twice, weighted by the smaller one's size; and
+    the patches.
+    """
+    used: list[int] = []
     total = weights = 0.0
     for pair in pairs:
         i, j = int(grouping.first[pair]), int(grouping.second[pair])
         if i in used or j in used:
             continue
-        used |= {i, j}
+        used += [i, j]
         weight = float(np.sqrt(min(pixels[i], pixels[j])))
         total += weight * float(grouping.odds[pair])
         weights += weight
-    return total / max(weights, 1e-9)
+    return total / max(weights, 1e-9), np.array(used)

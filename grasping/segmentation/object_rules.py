@@ -22,10 +22,11 @@ SAMPLED, STRAY = 4000, 0.0008  # points that suffice for their extent, and the s
 SEEN_OF_TABLE = 5000  # points that suffice for its outline
 SMALL = "small"
 BESIDE = "beside the table"
-NO_THING = "low, and by its surface more likely a wrinkle of the table than a thing"
+NO_THING = "low, and by its surface more likely a wrinkle of the table, or a scrap, than a thing"
 BACKGROUND = "beyond the view, and by its surface surely part of the background"
 SURELY_NONE = 0.1  # of `least_thing`: the trees have seen few backgrounds, and no real one
 WRINKLE = 0.015  # m above the table
+SCRAP = 2.0  # a low scrap that is whole with a quarter is a thing with a half
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,12 @@ class ObjectRules:
     def __init__(self, frame: Frame, limits: Limits, tabletop: Tabletop | None) -> None:
         self.frame, self.limits, self.tabletop = frame, limits, tabletop
 
-    def sort(self, clusters: Sequence[IntArray], thing: FloatArray | None = None) -> Sorted:
-        """The objects among the clusters, in their order. thing: how sure, in [0, 1], each is one."""
+    def sort(
+        self, clusters: Sequence[IntArray], thing: FloatArray | None = None, whole: FloatArray | None = None
+    ) -> Sorted:
+        """The objects among the clusters, in their order. thing, whole: how sure, in [0, 1], each is one, and a whole
+        one; given together.
+        """
         result = Sorted()
         small: list[IntArray] = []
         reasons = [self.too_little(points) or self.misplaced(points) for points in clusters]
@@ -93,18 +98,20 @@ class ObjectRules:
             self.tabletop.under(self.frame, [clusters[i] for i, why in enumerate(reasons) if why is None])
             reasons = [self.misplaced(clusters[i]) if why == BESIDE else why for i, why in enumerate(reasons)]
         for number, (points, why) in enumerate(zip(clusters, reasons, strict=True)):
-            if why is None and thing is not None:
-                why = self._no_thing(points, float(thing[number]))
+            if why == SMALL:
+                small.append(points)
+                continue
+            sure = 1.0
+            if thing is not None and whole is not None:
+                sure = self._sure(points, float(thing[number]), float(whole[number]))
+            why = why or self._no_thing(points, sure)
             if why is None:
                 result.objects.append(points)
                 result.number.append(number)
-            elif why == SMALL:
-                small.append(points)
-            else:
-                sure = 0.0 if thing is None else float(thing[number])
-                self.frame.reject("cluster", why, points, self._way_out(points, why, sure))
-                if not why.startswith("only") and why != NO_THING:  # fingers pass over a wrinkle
-                    result.obstacles.append(points)
+                continue
+            self.frame.reject("cluster", why, points, self._way_out(points, why, sure))
+            if not why.startswith("only") and why != NO_THING:  # fingers pass over a wrinkle
+                result.obstacles.append(points)
         limits = self.limits
         least = f"fewer than {limits.min_points} points or less than {limits.min_area * 1e4:g} cm²"
         few = np.concatenate([np.empty(0, dtype=np.int64), *small])
@@ -138,6 +145,10 @@ class ObjectRules:
         if (extent := self.extent(points)) > self.limits.max_extent:
             return f"{extent:.2f} m large, more than {self.limits.max_extent:g} m"
         return BESIDE if self.tabletop is not None and self.tabletop.beside(self.frame, points) else None
+
+    def _sure(self, points: IntArray, thing: float, whole: float) -> float:
+        """How sure, in [0, 1], a cluster is a thing: where it is low, no surer than twice that it is a whole one."""
+        return min(thing, SCRAP * whole) if self._flat(points) else thing
 
     def _no_thing(self, points: IntArray, sure: float) -> str | None:
         """Why the trees' word is taken that a cluster is none: it is low, or goes on beyond the view as walls do."""

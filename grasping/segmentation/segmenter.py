@@ -49,7 +49,8 @@ class Segmenter:
     min_points, min_area, min_height: clusters of fewer points, of less area (m², across the line of sight) or lower (m,
         95 % of its points) are noise and unevenness of the table.
     max_extent: larger clusters are no objects for a hand, m. max_height: points higher above the table are left out, m.
-    least_thing: how sure the trees must be, in [0, 1], that a low cluster is a thing and no wrinkle of the table.
+    least_thing: how sure the trees must be, in [0, 1], that a low cluster is a thing, neither a wrinkle of the table
+        nor a scrap.
     relations: file of `pecgrasp train-segmenter`, of another camera's trees; None: the package's own.
     seed: of RANSAC's draws; the same input gives the same scene.
     """
@@ -194,7 +195,7 @@ class Segmenter:
         number = groups.number.take(chosen).astype(np.int64)
         clusters = frame.with_edges([chosen[members] for members in by_label(number)], seen.on_ramps)
         rules = ObjectRules(frame, self._limits, tabletop)
-        found = self._over_holes(frame, rules, rules.sort(clusters, groups.thing), table)
+        found = self._over_holes(frame, rules, rules.sort(clusters, groups.thing, groups.whole), table)
         order = sorted(range(len(found.objects)), key=lambda i: -len(found.objects[i]))
         scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
         place = {found.number[i]: rank for rank, i in enumerate(order)}

@@ -56,11 +56,10 @@ class Surfaces:
         self.table = table = measured & ~(stands_out if self.relief is None else self.relief.stands_out)
         if plane is not None and self.relief is not None:
             camera = float(plane[:3] @ image.viewpoint + plane[3])
-            flat = wrinkles(self.labels, self.count, self.relief, image.inverse_depth, camera)
-            if len(flat):
-                gone = np.isin(self.labels, flat)
-                table |= gone
-                self.labels[gone] = 0
+            kept = ~wrinkles(self.labels, self.count, self.relief, image.inverse_depth, camera)
+            table |= ~kept[self.labels]
+            number = np.where(kept, np.cumsum(kept) - 1, 0).astype(np.int32)
+            self.labels, self.count = number[self.labels], int(np.count_nonzero(kept)) - 1
         self.borders = borders(self.labels, self.count, (self.labels == 0) & ~table)
         self.measures = self.measure(self.labels, self.count)
         at_border, first_in_front, second_in_front = border_features(

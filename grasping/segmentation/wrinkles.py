@@ -22,8 +22,10 @@ LEAST_FOOT = 0.25  # of a patch's outline, along the table: else nobody sees how
 MOST = np.float32(0.05)  # 1/m of relief that counts
 
 
-def wrinkles(labels: Labels, count: int, relief: Relief, inverse_depth: Float32Array, camera: float) -> IntArray:
-    """Numbers of the patches (h, w), from 1 to count, that are wrinkles of the table. camera: m above the table."""
+def wrinkles(
+    labels: Labels, count: int, relief: Relief, inverse_depth: Float32Array, camera: float
+) -> NDArray[np.bool_]:
+    """(count + 1,) which of the patches (h, w), from 1 to count, are wrinkles of the table. camera: m above it."""
     at = np.flatnonzero(labels)
     own = labels.ravel()[at]
     # Along a line of sight the height over the table falls evenly with the distance from the camera.
@@ -33,14 +35,14 @@ def wrinkles(labels: Labels, count: int, relief: Relief, inverse_depth: Float32A
     low = np.bincount(own[high], minlength=count + 1) <= (1 - MOSTLY) * pixels
     low[0] = False
     if not low.any():
-        return np.empty(0, dtype=np.int64)
+        return low
     inside = np.flatnonzero(low[own])
     at, own, above = at[inside], own[inside], above[inside]
     patch, rise, outline = _rises(labels, count, at, own, relief, inverse_depth > 0)
     foot = np.bincount(patch, minlength=count + 1)
-    seen = np.flatnonzero(low & (foot > 0) & (foot >= LEAST_FOOT * outline))
+    seen = low & (foot > 0) & (foot >= LEAST_FOOT * outline)
     risen, most = _quantile(patch, rise, count, 0.5), _quantile(own, above, count, 0.75)
-    return seen[risen[seen] < GRADUAL * most[seen]]
+    return np.asarray(seen & (risen < GRADUAL * most))
 
 
 def _rises(

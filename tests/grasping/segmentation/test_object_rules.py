@@ -1,5 +1,7 @@
 """What is on the table and what is beside it, of clusters whose place is known."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -23,9 +25,9 @@ def test_a_thing_is_on_the_table_where_others_hide_the_table_about_it(neighbours
     if neighbours:
         clusters += [patch((0.51, 0.6), (0.4, 0.51), 0.08), patch((0.4, 0.51), (0.51, 0.6), 0.08)]
     points = np.concatenate([table, *clusters])
-    frame = Frame(points + [0.0, 0.0, 1e-6], (0.0, 2.0))
+    frame = Frame(points + np.array([0.0, 0.0, 1e-6]), (0.0, 2.0))
     ends = np.cumsum([len(table), *map(len, clusters)])
-    number = [np.arange(start, end) for start, end in zip(ends[:-1], ends[1:], strict=True)]
+    number = [np.arange(start, end) for start, end in pairwise(ends)]
     plane = np.array([0.0, 0.0, 1.0, 0.0])
     rules = ObjectRules(frame, LIMITS, Tabletop(frame, plane, points[:, 2], np.arange(len(table))))
     found = rules.sort(number)
