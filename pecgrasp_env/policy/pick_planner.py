@@ -103,12 +103,16 @@ class PickPlanner:
         return likely and sum(p > _DOUBT for p in probabilities) == 1
 
     def is_absent(self, objects: list[SeenObject]) -> bool:
-        """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole."""
-        return self._classifier is not None and all(
-            seen.probabilities().get(self._target, 0.0) < _POSSIBLE and seen.certainty >= _CERTAIN
-            for seen in objects
-            if seen.evidence
+        """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole, and
+        none lies on another, which might hide it.
+        """
+        if self._classifier is None:
+            return False
+        told = [seen for seen in objects if seen.evidence]
+        surely_others = all(
+            seen.probabilities().get(self._target, 0.0) < _POSSIBLE and seen.certainty >= _CERTAIN for seen in told
         )
+        return surely_others and not any(lying_on(told, k) for k in range(len(told)))
 
     def wish_to_look_again(self, objects: list[SeenObject]) -> str | None:
         """Why what was seen is not enough to touch the asked-for object, or to say that it is not there; or None."""

@@ -45,3 +45,13 @@ def test_joint_steps_are_joint_targets_from_where_the_arm_is(env):
     q = agent.robot.get_qpos()[0, :6].numpy()
     assert np.allclose(targets, [q[0] + 0.05, q[1], q[2], q[3] - 0.1, q[4], q[5], 0.14, 10.0], atol=1e-6)
     assert np.array_equal(to_joint_targets(agent, "pd_joint_pos", targets), targets)
+
+
+def test_the_answer_stays_in_every_mode(env):
+    """The ninth number of a task in which the asked-for class may be absent."""
+    env.reset(seed=0)
+    agent = env.unwrapped.agent
+    targets = np.array([*HOME, 0.08, 40.0])
+    plain, answering = from_joint_targets(agent, targets), from_joint_targets(agent, np.append(targets, 1.0))
+    assert np.array_equal(answering, [*plain, 1.0])
+    assert to_joint_targets(agent, "pd_joint_delta_pos", np.zeros(9)).shape == (9,)

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from grasping import Segmenter
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.evaluation.run import run_episode
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
+from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.pick_planner import PickPlanner
 from pecgrasp_env.policy.seen_objects import UNKNOWN, SeenObject, class_probabilities
 
 
@@ -149,3 +152,21 @@ def test_a_classifier_that_gives_its_confidence_for_known_is_not_asked_twice():
             return [Prediction("mouse", 0.8, {"mouse": 0.8, "can": 0.2}, 0.8) for _ in clouds]
 
     assert class_probabilities(Older(), [np.zeros((5, 3))]) == [{"mouse": 0.8, "can": 0.2}]
+
+
+def test_what_lies_on_another_may_hide_what_is_asked_for():
+    def slab(x, z, half, name):
+        u = np.linspace(-half, half, 30)
+        top = np.stack(np.meshgrid(u + x, u, [z]), axis=-1).reshape(-1, 3)
+        return SeenObject(top, False, [{name: 0.99, "mouse": 0.01}])
+
+    def planner(classifier):
+        return PickPlanner(classifier, None, Segmenter(), 0.6, "mouse", PolicyLog())
+
+    apart = [slab(0.4, 0.02, 0.05, "can"), slab(0.6, 0.06, 0.02, "box")]
+    upon = [slab(0.4, 0.02, 0.05, "can"), slab(0.4, 0.06, 0.02, "box")]
+    maybe = [slab(0.4, 0.02, 0.05, "can"), SeenObject(apart[1].points, False, [{"mouse": 0.3, "box": 0.7}])]
+    assert planner(object()).is_absent(apart)
+    assert not planner(object()).is_absent(upon)
+    assert not planner(object()).is_absent(maybe)
+    assert not planner(None).is_absent(apart)
