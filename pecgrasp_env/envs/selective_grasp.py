@@ -20,7 +20,6 @@ from pecgrasp_env.envs import reward, validation
 from pecgrasp_env.envs import task_state as outcome
 from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
 from pecgrasp_env.envs.episode_start import draw_start, fixed_meshes, visible_share
-from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
 from pecgrasp_env.envs.reset_options import read_options
 from pecgrasp_env.envs.restorable_env import RestorableEnv
@@ -37,8 +36,6 @@ from pecgrasp_env.scene.clutter import BIN
 from pecgrasp_env.scene.draw_objects import STRANGER
 from pecgrasp_env.scene.settling import CONTACT_OFFSET_M
 from pecgrasp_env.scene.visibility import lying_on, placed_mesh
-from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides
-from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV
 
 _FAR_APART = 0.03  # m, clearance from which on PhysX's persistent contact manifolds do no harm, see `fall`
 
@@ -252,38 +249,22 @@ class SelectiveGraspEnv(RestorableEnv):
             self.layout.open_strangers(self.classes),
             float(self.layout.absent) if self.layout.answers else None,
         )
-        self._only_cloud = obs_mode == "cloud"
         self._fixed = fixed_meshes(self.layout.clutter)
-        self._shown: dict[str, LazyImages] = {}
         self._wishes = [Wish()] * num_envs
         if reconfiguration_freq is None:
             reconfiguration_freq = 1 if num_envs == 1 else 0
         if reconfiguration_freq < 0:
             raise TaskError(f"reconfiguration_freq={reconfiguration_freq}: must be 0 or more resets")
-        # Light is computed only where colour is observed; point clouds carry the plain colours.
-        textures = {"rgbd": ["rgb"], "pointcloud": []}.get(obs_mode or "", (obs_mode or "").split("+"))
-        shader = {} if shader_dir is None else {"shader_pack": shader_dir}
-        self._intrinsics, camera, others = camera_overrides(
-            self.sensing.intrinsics, textures, shader | dict(sensor_configs or {})
-        )
-        if others and type(self)._default_sensor_configs is BaseEnv._default_sensor_configs:
-            raise TaskError(f"sensor_configs: no camera {', '.join(others)}, there is {CAMERA!r}")
-        self._T_link_camera = np.eye(4)  # OpenCV axes, both
-        if "pose" in camera:
-            self._T_link_camera[:3] = camera["pose"].to_transformation_matrix()[:3]
-            self._T_link_camera[:3, :3] = self._T_link_camera[:3, :3] @ SAPIEN_FROM_OPENCV
-        if self._only_cloud and self.sensing.cloud_points > self._intrinsics.width * self._intrinsics.height:
-            size = f"{self._intrinsics.width}x{self._intrinsics.height}"
-            raise TaskError(f"cloud_points={self.sensing.cloud_points}: a picture of {size} has fewer pixels")
+        cameras = self._camera_arguments(obs_mode, shader_dir, sensor_configs)
         validation.claim_process()
+        shader = {} if shader_dir is None else {"shader_pack": shader_dir}
         for name in ("human_render_camera_configs", "viewer_camera_configs"):
             kwargs[name] = shader | dict(kwargs.get(name) or {})
         super().__init__(
             *args,
             robot_uids=robot,
             obs_mode="depth" if self._only_cloud else obs_mode,
-            # ManiSkill's shaders have depth in whole millimetres; so other cameras, too, take this one's.
-            sensor_configs={"shader_config": camera["shader_config"], CAMERA: camera, **others},
+            sensor_configs=cameras,
             num_envs=num_envs,
             sim_backend=sim_backend,
             reconfiguration_freq=reconfiguration_freq,

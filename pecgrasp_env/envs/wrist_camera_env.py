@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,8 +18,10 @@ from pecgrasp_env.envs.cloud_observation import sample_cloud
 from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
 from pecgrasp_env.envs.task_state import Memory
-from pecgrasp_env.envs.validation import SensingOptions
-from pecgrasp_env.sensor.maniskill_camera import CAMERA, sense
+from pecgrasp_env.envs.validation import SensingOptions, TaskError
+from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
+from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides, sense
+from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV
 
 NOISE = 2  # number of the sensor's stream of random numbers among an episode's
 
@@ -25,7 +29,7 @@ NOISE = 2  # number of the sensor's stream of random numbers among an episode's
 class WristCameraEnv(BaseEnv):
     """A ManiSkill environment whose depth comes from the wrist camera's sensor model.
 
-    ``sensing`` and ``memory`` are the task's; set ``_only_cloud`` and ``_shown`` before `BaseEnv.__init__`.
+    ``sensing`` and ``memory`` are the task's; call `_camera_arguments` before `BaseEnv.__init__`.
     """
 
     # Set to True, visual observations hold `LazyImages`, the same ones: each is rendered if and when it is read, which
@@ -35,6 +39,37 @@ class WristCameraEnv(BaseEnv):
     memory: Memory
     _only_cloud: bool
     _shown: dict[str, LazyImages]
+    _intrinsics: CameraIntrinsics
+    _T_link_camera: np.ndarray  # (4, 4), OpenCV axes, both
+
+    def _camera_arguments(
+        self, obs_mode: str | None, shader_dir: str | None, sensor_configs: Mapping[str, Any] | None
+    ) -> dict[str, Any]:
+        """ManiSkill's ``sensor_configs`` with the wrist camera in it as ``sensing`` wants it, and what the task has to
+        know of it.
+
+        Raises TaskError where there is no such camera, or it has fewer pixels than the cloud has points; SensorError as
+        `camera_overrides` does.
+        """
+        self._only_cloud = obs_mode == "cloud"
+        self._shown = {}
+        # Light is computed only where colour is observed; point clouds carry the plain colours.
+        textures = {"rgbd": ["rgb"], "pointcloud": []}.get(obs_mode or "", (obs_mode or "").split("+"))
+        shader = {} if shader_dir is None else {"shader_pack": shader_dir}
+        self._intrinsics, camera, others = camera_overrides(
+            self.sensing.intrinsics, textures, shader | dict(sensor_configs or {})
+        )
+        if others and type(self)._default_sensor_configs is BaseEnv._default_sensor_configs:
+            raise TaskError(f"sensor_configs: no camera {', '.join(others)}, there is {CAMERA!r}")
+        self._T_link_camera = np.eye(4)
+        if "pose" in camera:
+            self._T_link_camera[:3] = camera["pose"].to_transformation_matrix()[:3]
+            self._T_link_camera[:3, :3] = self._T_link_camera[:3, :3] @ SAPIEN_FROM_OPENCV
+        if self._only_cloud and self.sensing.cloud_points > self._intrinsics.width * self._intrinsics.height:
+            size = f"{self._intrinsics.width}x{self._intrinsics.height}"
+            raise TaskError(f"cloud_points={self.sensing.cloud_points}: a picture of {size} has fewer pixels")
+        # ManiSkill's shaders have depth in whole millimetres; so other cameras, too, take this one's.
+        return {"shader_config": camera["shader_config"], CAMERA: camera, **others}
 
     @property
     def obs_mode(self) -> str:
