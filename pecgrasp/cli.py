@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),
     "ablate": ("learn", "train a grid, beside the published figures"),
     "compare": ("learn", "trained classifiers, cloud by cloud"),
+    "strangers": ("sim", "whether a classifier knows what it does not know"),
     "robustness": ("learn", "trained classifiers on corrupted clouds"),
     "export-onnx": ("onnx", "a trained classifier for other runtimes"),
     "record-demos": ("sim", "trajectories of the scripted policy"),
@@ -44,7 +45,7 @@ EXTRAS = {
 def usage() -> str:
     lines = ["usage: pecgrasp COMMAND [KEY=VALUE …]    settings: pecgrasp COMMAND --help", ""]
     lines += [f"  {name:18} {what}" for name, (_, what) in COMMANDS.items()]
-    return "\n".join([*lines, "", "Own configs, such as DIR/gripper/mine.yaml: gripper=mine --config-dir DIR"])
+    return "\n".join([*lines, "Own configs, such as DIR/gripper/mine.yaml: gripper=mine --config-dir DIR"])
 
 
 def main(command: str | None = None) -> None:

@@ -6,7 +6,6 @@ be looked at before anything is trained on it.
 
 from __future__ import annotations
 
-import io
 import json
 import os
 from collections import Counter
@@ -15,22 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from pec.common.atomic_files import write_whole
 from pec.data.shards import Manifest, Shard, read_manifest, read_shard
 from pec.data.splits import read_splits
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import histogram, number
-from pecgrasp_env.common.html_report import Tile, data_uri, report_page
+from pecgrasp_env.common.cloud_image import cloud_image
+from pecgrasp_env.common.html_report import Tile, report_page
 from pecgrasp_env.objects import UNKNOWN
 
 __all__ = ["CARD_NAME", "write_card"]
 
 CARD_NAME = "card.html"
 _SHOWN = 16  # clouds of a class
-_SIDE = 112  # pixels of an image
-_NEAR, _FAR = np.array([8, 126, 164]), np.array([168, 196, 206])  # to be seen on white and on black
 
 
 def write_card(directory: str | os.PathLike[str]) -> Path:
@@ -166,25 +163,11 @@ def _contact_sheet(manifest: Manifest, shards: Sequence[Shard]) -> list[tuple[st
 
 
 def _image(cloud: np.ndarray, manifest: Manifest) -> str:
-    """A cloud (N, 3) of the camera frame in perspective, shaded by depth, as the data of a transparent PNG."""
+    """A cloud (N, 3) as the address of an image."""
     points = cloud.astype(float)
     if manifest.config.get("scenario") == "surface":  # no camera: from the front, a little from above
         points = points @ np.array([[1, 0, 0], [0, 0.5, -0.87], [0, -0.87, -0.5]]).T + (0, 0, 4)
-    flat = points[:, :2] / points[:, 2:]
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    size = max(float((high - low).max()), 1e-9)
-    at = ((flat - (low + high) / 2) / size * (_SIDE - 12) + _SIDE / 2).astype(int)
-    depth = points[:, 2]
-    far = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-9)
-    image = np.zeros((_SIDE, _SIDE, 4), np.uint8)
-    reach = int(np.clip(np.ceil(0.5 * _SIDE / np.sqrt(len(points))), 1, 6))  # few points are drawn larger
-    for index in np.argsort(-depth):  # near ones over far ones
-        column, row = at[index]
-        area = image[max(row - reach, 0) : row + reach, max(column - reach, 0) : column + reach]
-        area[...] = (*(_NEAR + far[index] * (_FAR - _NEAR)).astype(int), 255)
-    buffer = io.BytesIO()
-    Image.fromarray(image).quantize(32).save(buffer, "PNG", optimize=True)
-    return data_uri(buffer.getvalue(), "png")
+    return cloud_image(points)
 
 
 def _cameras(manifest: Manifest) -> list[tuple[str, str, str, str]]:
