@@ -17,6 +17,7 @@ from grasping.segmentation.grouping import Grouping
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+RATHER_ONE = 0.3  # mean log odds of the faces that go on in each other
 SURELY_TWO = -0.5  # mean log odds along a common border, below which halves are two things
 MOSTLY = 0.5  # of either half's pixels, in faces that may go on in the other: in a heap, some always do by chance
 
@@ -35,14 +36,14 @@ def join_halves(grouping: Grouping, pixels: FloatArray) -> Grouping:
 def _surest(grouping: Grouping, group: IntArray, far: IntArray, pixels: FloatArray) -> tuple[int, int] | None:
     one, other = group[grouping.first], group[grouping.second]
     apart = far[one[far] != other[far]]
-    if not (grouping.odds[apart] > 0).any():
+    if not (grouping.odds[apart] > RATHER_ONE).any():
         return None
     pairs: dict[tuple[int, int], list[int]] = {}
     for pair in apart[np.argsort(-grouping.odds[apart], kind="stable")].tolist():
         i, j = int(one[pair]), int(other[pair])
         pairs.setdefault((min(i, j), max(i, j)), []).append(pair)
     sizes = np.bincount(group, pixels)
-    best, halves = 0.0, None
+    best, halves = RATHER_ONE, None
     for (i, j), between in pairs.items():
         sure, matched = _agreement(grouping, between, pixels)
         if sure <= best or any(pixels[matched[group[matched] == k]].sum() < MOSTLY * sizes[k] for k in (i, j)):

@@ -47,6 +47,12 @@ OF_BOTH = (
 )
 NAMES = (*AT_BORDER, *OF_BOTH)
 
+BEHIND = 0.05  # m along all of the border from one to the other, and
+ON_ONE_LEVEL = 0.1  # of the border at most on which neither is in front of the other
+ADJOINING = 0.1  # of the smaller one's outline, at least: more than a corner
+STANDS, UPRIGHT = 0.03, 0.03  # of either's outline low on the table, and m that either is high
+SHOWN = 100  # pixels of the smaller one, fewer of which do not show that it stands
+
 
 def border_features(
     found: Borders,
@@ -176,6 +182,20 @@ def shape_features(
         rows += [own[s, axis], own[l, axis], united_extents[:, axis]]
     rows += [(normal[s] * between).sum(axis=1) / distance, -(normal[l] * between).sum(axis=1) / distance]
     return np.stack(rows, axis=1).astype(np.float32)
+
+
+def stand_apart(features: Float32Array) -> NDArray[np.bool_]:
+    """(P,) which pairs that adjoin, by their features (P, len(NAMES)), stand on the table one behind the other.
+
+    Trees that know pots take two cans of one height for the near and the far wall of one; but a pot's far wall does not
+    stand on the table where one sees it.
+    """
+    of = dict(zip(NAMES, features.T, strict=True))
+    upright = np.minimum(of["height_95_s"], of["height_95_l"]) > UPRIGHT
+    upright &= of["pixels"] > SHOWN
+    stand = np.minimum(of["stands_s"], of["stands_l"]) > STANDS
+    behind = (of["gap_10"] > BEHIND) & (of["level"] < ON_ONE_LEVEL) & (of["share_of_smaller"] > ADJOINING)
+    return np.asarray(upright & stand & behind)
 
 
 def _none(names: list[str]) -> Float32Array:

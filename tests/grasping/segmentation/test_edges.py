@@ -21,10 +21,12 @@ def smoothed(frame: np.ndarray, pixels: int) -> np.ndarray:
     return (frame / frame[..., 2:] * depth[..., None]).astype(np.float32)
 
 
-SMEARED = pytest.mark.xfail(reason="what is left of wide ramps stays a scrap of its own, or goes to an object")
+SMEARED = pytest.mark.xfail(
+    reason="where a thing is low, a ramp of 22 mm is as flat as a side: its foot stays on a box"
+)
 
 
-@pytest.mark.parametrize("pixels", [4, pytest.param(6, marks=SMEARED), pytest.param(8, marks=SMEARED)])
+@pytest.mark.parametrize("pixels", [4, 6, pytest.param(8, marks=SMEARED)])
 def test_ramps_do_not_join_things_80_mm_apart_and_belong_to_none(pixels: int) -> None:
     T = look_down(45.0, 0.6)
     boxes = [(0.0, -0.09, 0.12, 0.05, 0.12), (0.03, 0.04, 0.12, 0.05, 0.10)]
@@ -122,9 +124,9 @@ def test_a_bowl_whose_bottom_its_near_wall_hides_is_one(radius, deep, tilt, size
     assert np.ptp(world[:, 1]) > 1.7 * radius
 
 
-@pytest.mark.xfail(reason="seen from low, lids of one height are taken for one surface")
-def test_two_cans_of_one_height_one_behind_the_other_are_two() -> None:
-    T = look_down(70.0, 0.65)
+@pytest.mark.parametrize("tilt", [60.0, 70.0])
+def test_two_cans_of_one_height_one_behind_the_other_are_two(tilt: float) -> None:
+    T = look_down(tilt, 0.65)
     frame, owner = render([(0.0, -0.05, 0.06, 0.06, 0.10), (0.02, 0.05, 0.06, 0.06, 0.10)], T, 0.001)
     scene = Segmenter().segment(frame, up=up_in(T))
     assert sorted(max(shares, key=shares.get) for shares in owners_of(scene, owner)) == [0, 1]
