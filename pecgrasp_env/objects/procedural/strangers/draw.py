@@ -33,11 +33,23 @@ FORMS: dict[str, Callable[[np.random.Generator], Draft]] = {
     **{name: getattr(jointed, name) for name in jointed.__all__},
     **{name: getattr(slender, name) for name in slender.__all__},
 }
-"""Generators of composed strangers, each drawn equally often."""
+"""Generators of composed strangers."""
+
+_PLAIN = frozenset("ball cuboid cylinder fruit knobbly plate prism slab stick superquadric tapered turned wand".split())
+"""Drawn two and a half times as often as others: most of what lies about is round, oblong or long, and little more."""
 
 _LEAST_SIDE, _MOST_SIDE = 0.018, 0.32  # m, of the longest side
 _TRIES = 40
-_KINDS = {1: "of another class", 3: "out of proportion", 5: "cut off", 7: "pressed together"}  # of ten in a row
+_KINDS = {
+    1: "of another class",
+    3: "out of proportion",
+    5: "cut off",
+    11: "of another class",
+    13: "out of proportion",
+    15: "pressed together",
+}
+"""Of twenty in a row; the others are composed. Of the last two kinds few: from some sides they look like the whole."""
+_LEAST_PARTNER = 0.6  # of the size of what it is pressed to, else it is hidden from many sides
 
 
 @lru_cache(maxsize=1024)
@@ -52,8 +64,9 @@ def stranger(index: int, apart_from: tuple[str, ...] = ()) -> ObjectModel:
     kin = kin_of(apart_from)
     rng = np.random.default_rng([zlib.crc32(UNKNOWN.encode()), index])
     forms = [name for name in FORMS if name not in kin]
+    often = np.cumsum([2.5 if name in _PLAIN else 1.0 for name in forms])
     for _ in range(_TRIES):
-        form = forms[int(rng.integers(len(forms)))]
+        form = forms[int(np.searchsorted(often, rng.random() * often[-1], side="right"))]
         pieces, mass = FORMS[form](rng)
         model = assemble(UNKNOWN, f"{form}_{index:05d}", pieces, mass)
         if _LEAST_SIDE <= float(model.extents.max()) <= _MOST_SIDE:
@@ -96,7 +109,7 @@ class DrawnStrangers:
             rng = np.random.default_rng([zlib.crc32(UNKNOWN.encode()), self.seed, i, attempt])
             try:
                 model = self._draw(self.kind(i) if attempt < _TRIES // 2 else "composed", rng)
-            except ObjectError:  # a model that cannot be cut
+            except ObjectError:  # a model that cannot be cut, a partner that is too small
                 continue
             if not self._likeness.is_like(model):
                 return replace(model, class_name=UNKNOWN, instance=f"stranger_{i:05d}")
@@ -104,9 +117,8 @@ class DrawnStrangers:
 
     def kind(self, i: int) -> str:
         """Of stranger `i`: "composed", "of another class", "out of proportion", "cut off" or "pressed together"."""
-        if i % 10 == 1 and not self._others:
-            return "composed"
-        return _KINDS.get(i % 10, "composed")
+        kind = _KINDS.get(i % 20, "composed")
+        return "composed" if kind == "of another class" and not self._others else kind
 
     def _draw(self, kind: str, rng: np.random.Generator) -> ObjectModel:
         def any_model() -> ObjectModel:
@@ -119,8 +131,12 @@ class DrawnStrangers:
         if kind == "cut off":
             return fragment(any_model(), rng)
         if kind == "pressed together":
-            one = any_model() if rng.random() < 0.5 else stranger(int(rng.integers(1 << 31)), self._classes)
-            return fused(any_model(), one, rng)
+            first, second = any_model(), any_model()
+            if rng.random() < 0.5:
+                second = stranger(int(rng.integers(1 << 31)), self._classes)
+            if second.extents.max() < _LEAST_PARTNER * first.extents.max():
+                raise ObjectError(f"{second.instance} is too small beside {first.instance}")
+            return fused(first, second, rng)
         return stranger(int(rng.integers(1 << 31)), self._classes)
 
 

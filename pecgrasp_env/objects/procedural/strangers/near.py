@@ -36,7 +36,9 @@ def deformed(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
 
 
 def fragment(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
-    """What is left of it on one side of a plane: a quarter to two thirds along the plane's normal.
+    """What is left of it on one side of a plane: a fifth to two fifths along the plane's normal.
+
+    Of more, or of a member half hidden, a camera could not say which it is.
 
     The cut is closed by the convex parts' sections.
     """
@@ -46,7 +48,7 @@ def fragment(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
         normal /= np.linalg.norm(normal)
         along = points @ normal
         low, high = float(along.min()), float(along.max())
-        origin = normal * (high - rng.uniform(0.25, 0.65) * (high - low))
+        origin = normal * (high - rng.uniform(0.2, 0.42) * (high - low))
         cut = [_clip(hull.astype(float), normal, origin) for hull in model.hulls]
         hulls = [hull for hull, _ in cut if hull is not None]
         parts = []
