@@ -15,7 +15,7 @@ from pecgrasp_env.scene.placement import REGION, WIDE_REGION
 from pecgrasp_env.scene.visibility import Mesh, box_mesh, placed_mesh, visible_shares
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
-_MOST_IN_REGION = 5  # more objects are laid out in the wide one
+_MOST_IN_REGION = 5  # more objects are laid out in the wide one, and strangers, which may be as large as plates
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def draw_start(
         asked = wish.target
     elif absence is not None:
         asked = _asked_or_away(table.away(env_index), asked, float(layout.absent), wish.absent, absence)
-    region = REGION if len(models) <= _MOST_IN_REGION else WIDE_REGION
+    region = REGION if len(models) <= _MOST_IN_REGION and not layout.n_strangers else WIDE_REGION
     poses = lay_out(models, rng, region, layout.clutter, layout.clearance)
     return EpisodeStart(asked, poses, rng.uniform(-layout.joint_noise, layout.joint_noise, size=6))
 

@@ -121,9 +121,9 @@ class SelectiveGraspEnv(RestorableEnv):
     along y and 0.12 m high inside, its bottom and walls 6 mm thick. Their classes all differ while there are enough of
     them; one is asked for. Where there are more objects than classes, others than the asked-for one come twice or more.
     With `same_class_twins` the asked-for class is there twice, and either of the two is right. With `n_strangers` so
-    many strangers lie among them, different ones while there are enough. More than 5 objects in all are spread over
-    0.30 m < x < 0.67 m, abs(y) < 0.33 m. The arm hangs over the table in its home posture, the camera looking at the
-    objects, ± `joint_noise`.
+    many strangers lie among them, different ones while there are enough. More than 5 objects, and strangers, are spread
+    over 0.30 m < x < 0.67 m, abs(y) < 0.33 m. The arm hangs over the table in its home posture, the camera looking at
+    the objects, ± `joint_noise`.
 
     With `absent` one class always stays away, so that what lies there tells nothing: the objects are drawn from the
     other classes, and with the probability `absent` one that is not there is asked for.

@@ -102,6 +102,11 @@ class PickPlanner:
         likely = self._log.confidence >= max(_SURE, self._min_confidence)
         return likely and sum(p > _DOUBT for p in probabilities) == 1
 
+    def is_found(self, objects: list[SeenObject]) -> bool:
+        """Whether more than one look is enough: the object is likely and whole, whatever others may be."""
+        likely = self.choose(objects) is not None and self._log.confidence >= _SURE
+        return likely and self.doubt(objects) is None
+
     def is_absent(self, objects: list[SeenObject]) -> bool:
         """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole, and
         none lies on another, which might hide it.

@@ -219,8 +219,7 @@ class ScriptedPolicy:
             observation = yield from arm.go(path, observation, opening=ROBOTIQ_2F_140.stroke)
             objects, view = pick_planner.look(observation, objects)
             views.append(view)
-            found = k > 0 and pick_planner.choose(objects) is not None and pick_planner.doubt(objects) is None
-            if pick_planner.is_sure(objects) or found:
+            if pick_planner.is_sure(objects) or (k > 0 and pick_planner.is_found(objects)):
                 return objects, views, observation
         if (doubt := pick_planner.doubt(objects)) is not None:
             self.log.doubts.append(f"after {len(views)} views: {doubt}")
