@@ -35,7 +35,23 @@ FORMS: dict[str, Callable[[np.random.Generator], Draft]] = {
 }
 """Generators of composed strangers."""
 
-_PLAIN = frozenset("ball cuboid cylinder fruit knobbly plate prism slab stick superquadric tapered turned wand".split())
+_PLAIN = frozenset(
+    {
+        "ball",
+        "cuboid",
+        "cylinder",
+        "fruit",
+        "knobbly",
+        "plate",
+        "prism",
+        "slab",
+        "stick",
+        "superquadric",
+        "tapered",
+        "turned",
+        "wand",
+    }
+)
 """Drawn two and a half times as often as others: most of what lies about is round, oblong or long, and little more."""
 
 _LEAST_SIDE, _MOST_SIDE = 0.018, 0.32  # m, of the longest side
