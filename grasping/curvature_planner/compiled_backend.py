@@ -182,7 +182,7 @@ def _numbers(rules: Rules) -> FloatArray:
             *(rules.pad_width, rules.stroke, rules.finger_thickness),
             *(rules.finger_room, rules.wished_room, rules.greatest_width, rules.reach),
             *(rules.steepest, rules.parallel, rules.steepest + BLUR),
-            *(rules.least_overlap, LEAST_CONTACT, LEAST_AREA, NARROWEST),
+            *(rules.least_overlap, rules.least_points, LEAST_CONTACT, LEAST_AREA, NARROWEST),
             *(BLIND, LEAST_MEASURED, LEAST_BREADTH, rules.least_reach, ASSUMED),
             *(MOST_CLEARANCE, rules.far_from_centre),
             *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),

@@ -19,7 +19,8 @@ IntArray = NDArray[np.int64]
 
 CONTOUR_ROWS = 5  # parts of a pad's width over which each contour is drawn
 LEAST_WIDTH = 0.002  # m between the two contours, where they are farthest apart: a streak of points is no thing
-FEWEST = 5  # points near a pad that say that there is a surface
+FEWEST, FEWEST_SPARSE = 5, 3  # points near a pad that say that there is a surface; in the sparsest of clouds
+SHARE_NEAR = 0.5  # of the points that a surface has near a pad, as far as there are fewer than that
 TOUCHING = 0.006  # m: a contour farther behind the outermost part does not help to hold
 ROUGHNESS = 0.003  # m: pads are soft and clouds are noisy, a contour this near to it helps in full
 CONTACT_BAND = 0.004  # m behind the outermost points: how high the surface is there says how steep it is
@@ -56,11 +57,12 @@ def refine(
     pad_width: float,
     wished_room: float,
     reach: float,
+    fewest: int = FEWEST,
 ) -> Contacts:
     """Turn and centre each candidate on the points between its pads.
 
     points (3, N): x, y and height of the object. blockers (3, K): what else a finger could hit, and
-    the palm, which is this far (m) behind the tips.
+    the palm, which is this far (m) behind the tips. fewest: points near a pad that say that it touches something.
     """
     half = 0.5 * pad_width
     heading, x, y, tip = candidates.heading, candidates.x, candidates.y, candidates.tip
@@ -93,7 +95,7 @@ def refine(
         touched = u[side] <= outermost[side, owner] + CONTACT_BAND
         np.maximum.at(top[side], owner[touched], height[point[touched]])
     thin = (-contour[1] - contour[0]).max(axis=1) < LEAST_WIDTH
-    area = _areas(owner, u, across.reshape(-1)[chosen], height[point], outermost, tip, half)
+    area = _areas(owner, u, across.reshape(-1)[chosen], height[point], outermost, tip, half, fewest)
     # What is nearer to the object than TOUCHING belongs to the contact itself.
     distance, beside = _beside(along, across, start, end, half)
     gap = np.min(distance, axis=1, initial=wished_room, where=above & beside & (distance >= TOUCHING))
@@ -117,6 +119,18 @@ def refine(
         gap=gap,
         empty=empty,
     )
+
+
+def fewest_near_a_pad(points: FloatArray, pad_width: float) -> int:
+    """How many points near a pad say that there is a surface: FEWEST, or less where the cloud (3, N) is too sparse.
+
+    A surface has as many there as the cloud has on the area that a pad may touch, on the average over its extent.
+    """
+    x, y, _ = points
+    area = float((x.max() - x.min()) * (y.max() - y.min()))
+    if SHARE_NEAR * points.shape[1] * TOUCHING * pad_width >= FEWEST * area:
+        return FEWEST
+    return max(FEWEST_SPARSE, int(SHARE_NEAR * points.shape[1] * TOUCHING * pad_width / area))
 
 
 def measured(
@@ -172,6 +186,7 @@ def _areas(
     outermost: FloatArray,
     tip: FloatArray,
     half: float,
+    fewest: int,
 ) -> FloatArray:
     """(M,) area of the pad beside what it touches, the lesser side: row by row down from the highest point there.
 
@@ -185,7 +200,7 @@ def _areas(
         np.maximum.at(top, (owner * CONTOUR_ROWS + row)[near], height[near])
         depth = top.reshape(-1, CONTOUR_ROWS) - tip[:, None]
         areas[side] = (depth * (2.0 * half / CONTOUR_ROWS)).sum(axis=1)
-        areas[side, np.bincount(owner[near], minlength=len(tip)) < FEWEST] = 0.0
+        areas[side, np.bincount(owner[near], minlength=len(tip)) < fewest] = 0.0
     return areas.min(axis=0)
 
 

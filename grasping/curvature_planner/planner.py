@@ -31,7 +31,7 @@ from grasping.curvature_planner.approach_view import ApproachView
 from grasping.curvature_planner.approaches import approaches_from_above, approaches_without_table
 from grasping.curvature_planner.backend import Backend
 from grasping.curvature_planner.compiled_backend import AVAILABLE, CompiledBackend
-from grasping.curvature_planner.contact_refinement import CONTACT_BAND, LEAST_WIDTH
+from grasping.curvature_planner.contact_refinement import CONTACT_BAND, LEAST_WIDTH, fewest_near_a_pad
 from grasping.curvature_planner.finger_scan import Candidates
 from grasping.curvature_planner.line_of_sight import sight_of
 from grasping.curvature_planner.numpy_backend import NumpyBackend
@@ -199,6 +199,9 @@ class CurvaturePlanner:
         rules = self._rules_tilted if view.tilt else self._rules
         if not view.tilt:
             rules = _for_object(view, rules, OVERLAP_SHARE * typical)
+        fewest = fewest_near_a_pad(view.points, rules.pad_width)
+        if fewest != rules.least_points:
+            rules = replace(rules, least_points=fewest)
         lowest = max(view.floor + clearance, top - self._reach)
         deepest_top = top - rules.least_overlap
         if deepest_top <= lowest:

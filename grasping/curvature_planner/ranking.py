@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.curvature_planner.approach_view import ApproachView
-from grasping.curvature_planner.contact_refinement import Contacts, measured, refine
+from grasping.curvature_planner.contact_refinement import FEWEST, Contacts, measured, refine
 from grasping.curvature_planner.finger_scan import Candidates
 from grasping.curvature_planner.grasp_clusters import SAG, RefinedCandidates, cluster, to_either_side
 from grasping.curvature_planner.line_of_sight import doubt
@@ -67,6 +67,7 @@ class Rules:
     reach: float  # from the tips to the palm
     friction: float
     least_overlap: float = LEAST_OVERLAP
+    least_points: int = FEWEST  # near a pad
     least_reach: float = 0.0  # of what was measured between the pads, where others are only assumed
     far_from_centre: float = FAR_FROM_CENTRE  # at which the term "centre" is 0
     weight_of_centre: float = WEIGHTS["centre"]
@@ -154,6 +155,7 @@ def _try(view: ApproachView, candidates: Candidates, whole: FloatArray, rules: R
         pad_width=rules.pad_width,
         wished_room=rules.wished_room,
         reach=rules.reach,
+        fewest=rules.least_points,
     )
     refused = np.any(_against(contacts, rules), axis=0)
     score = weigh(_terms(view, contacts, whole, rules), rules.weight_of_centre)

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { CONTOUR_ROWS = 5, STEPS = 2, FEWEST = 5 };
+enum { CONTOUR_ROWS = 5, STEPS = 2 };
 static const double TOUCHING = 0.006, ROUGHNESS = 0.003, CONTACT_BAND = 0.004, BESIDE = 0.003, SEARCH = 0.006;
 static const double MOST_TURN = 0.15, HAIR = 1e-9, LEAST_WIDTH = 0.002;
 
@@ -110,7 +110,8 @@ static double support(const double contour[CONTOUR_ROWS], double outermost)
 }
 
 /* Area of the pad beside the surface that it touches, the lesser side; 0 where too few points say that there is one. */
-static double touched_area(const Strip *strip, double tip, const double outer[2], double half)
+static double touched_area(
+    const Strip *strip, double tip, const double outer[2], double half, double fewest)
 {
     double area[2];
     for (int side = 0; side < 2; side++) {
@@ -129,7 +130,7 @@ static double touched_area(const Strip *strip, double tip, const double outer[2]
         area[side] = 0.0;
         for (int row = 0; row < CONTOUR_ROWS; row++)
             area[side] += (top[row] - tip) * (2.0 * half / CONTOUR_ROWS);
-        area[side] = points < FEWEST ? 0.0 : area[side];
+        area[side] = points < fewest ? 0.0 : area[side];
     }
     return least(area[0], area[1]);
 }
@@ -172,7 +173,7 @@ static double gap(
 int refine_holds(
     const FootprintGrid *object, const FootprintGrid *others, const double *heading, const double *x, const double *y,
     const double *tip, const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach,
-    double *contacts)
+    double fewest, double *contacts)
 {
     const size_t most = (size_t)object->points.count + 1; /* one more than are kept is written */
     double *memory = malloc(3 * sizeof(double) * most);
@@ -228,7 +229,7 @@ int refine_holds(
         double thickest = -INFINITY;
         for (int row = 0; row < CONTOUR_ROWS; row++)
             thickest = greatest(thickest, -contour.least[1][row] - contour.least[0][row]);
-        to[CONTACT_AREA * count] = empty || thickest < LEAST_WIDTH ? 0.0 : touched_area(&strip, tip[i], outer, half);
+        to[CONTACT_AREA * count] = empty || thickest < LEAST_WIDTH ? 0.0 : touched_area(&strip, tip[i], outer, half, fewest);
         to[CONTACT_EMPTY * count] = empty;
     }
     free(memory);

@@ -137,7 +137,7 @@ enum {
 /* heading … width: arrays of `count` coarse holds. contacts: (CONTACT_TERMS, count). Returns 0 or an error. */
 int refine_holds(
     const FootprintGrid *object, const FootprintGrid *others, const double *heading, const double *x, const double *y, const double *tip,
-    const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach, double *contacts);
+    const double *width, ptrdiff_t count, double pad_width, double wished_room, double reach, double fewest, double *contacts);
 
 /* contact_refinement.measured. seen: in the cloud's frame, in any order; heading … width: arrays of `count` holds along the
  * axes from the origin; numbers: how many of the points are between the pads of each; along, across: how far those reach
@@ -151,7 +151,7 @@ int measured_between(
 typedef struct {
     double pad_width, stroke, finger_thickness, finger_room, wished_room, greatest_width, reach;
     double steepest, parallel, blurred; /* angles of contacts that slip; are as good as parallel; cost all in the scan */
-    double least_overlap, least_contact, least_area, narrowest;
+    double least_overlap, least_points, least_contact, least_area, narrowest;
     double blind, least_measured, least_breadth, least_reach, assumed; /* ranking._held_by_what_was_seen */
     double most_clearance, far_from_centre;
     double refined, alike_place, alike_heading, alike_tip;                  /* scoring.best_unlike */

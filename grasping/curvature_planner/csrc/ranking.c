@@ -189,7 +189,7 @@ static int try_holds(const Scene *scene, const Places *holds, Found *found)
     const ptrdiff_t count = holds->count;
     const int error = refine_holds(&scene->object, &scene->others, holds->heading, holds->x, holds->y, holds->tip,
                                    holds->width, count, scene->rules->pad_width, scene->rules->wished_room,
-                                   scene->rules->reach, contacts);
+                                   scene->rules->reach, scene->rules->least_points, contacts);
     for (ptrdiff_t i = 0; !error && i < count && found->count < MOST_TRIED; i++) {
         Tried *hold = &found->tried[found->count++];
         for (int term = 0; term < CONTACT_TERMS; term++)

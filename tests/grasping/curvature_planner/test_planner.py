@@ -7,6 +7,7 @@ import pytest
 from grasping_shapes import TABLE, UP, axis_angle, box_top, grid, moved, pliers, roof, standing_can, tips
 
 from grasping import ROBOTIQ_2F_140, ConfigError, CurvaturePlanner, Grasp, GraspPlan
+from grasping.curvature_planner.contact_refinement import fewest_near_a_pad
 
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
@@ -283,3 +284,14 @@ def test_a_gripper_that_can_hold_nothing_is_refused_by_the_field(change: dict[st
 def test_a_scene_that_makes_no_sense_is_named(scene: dict, name: str) -> None:
     with pytest.raises(ConfigError, match=name):
         CurvaturePlanner().plan(box_top(0.1, 0.05, 0.05), **scene)
+
+
+@pytest.mark.parametrize(("step", "fewest"), [(0.002, 5), (0.004, 5), (0.0045, 4), (0.006, 3), (0.02, 3)])
+def test_a_pad_needs_fewer_points_where_the_cloud_has_fewer(step: float, fewest: int) -> None:
+    """A pad of 27 mm may touch 162 mm²: at a step of 4.5 mm a surface has eight points there, half of them must be."""
+    slab = grid((-0.1, 0.1), (-0.1, 0.1), step=step)
+    assert fewest_near_a_pad(np.column_stack([slab, np.zeros(len(slab))]).T, 0.027) == fewest
+
+
+def test_without_extent_a_pad_needs_the_usual_number_of_points() -> None:
+    assert fewest_near_a_pad(np.zeros((3, 9)), 0.027) == 5
