@@ -18,7 +18,7 @@ from grasping.segmentation.planes import Plane
 from grasping.segmentation.robot_body import RobotBody
 from grasping.segmentation.scene import OnDemand, Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, View, find_table
-from grasping.segmentation.working_image import WorkingImage, loose_image, organised_image
+from grasping.segmentation.working_image import FEWEST, UNTOLD_BEHIND, WorkingImage, loose_image, organised_image
 from grasping.validation import FARTHEST, position
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +29,7 @@ ALONG_Z = 0.94  # of up, where that is what a world frame's z axis is
 USUAL = 0.7  # of the way to a loose cloud's middle goes along its z axis, where that is a camera's frame
 AHEAD = 0.5  # of the way along z to almost every point, in a frame that is surely a camera's
 NOTICED = 0.01  # of the points; fewer are left out without a way to have them
+NO_CAMERA = "seen from the cloud's origin much of it would lie behind the rest: say where the camera stood (viewpoint)"
 LOWEST_CAMERA = 0.05  # m above the table
 
 
@@ -74,6 +75,7 @@ class Frame:
                 + (f", without {np.count_nonzero(own)} of the robot itself" if own.any() else "")
                 + _all_beyond(measured)
             )
+        self._no_camera = False
         self.rejected: list[Rejected] = []
         self.other_planes: list[FloatArray] = []
         self.reject("points", "no depth", np.flatnonzero(self._holes))
@@ -205,7 +207,14 @@ class Frame:
             return organised_image(self.points, chosen, self.sight.shape, self.sight)
         if self._viewpoint is None and (self.shape is not None or not self._of_a_camera(plane)):
             return None
-        return loose_image(self.points, chosen, self._origin, None if plane is None else plane[:3])
+        up = None if plane is None else plane[:3]
+        if self._viewpoint is not None:
+            return loose_image(self.points, chosen, self._origin, up)
+        image = loose_image(self.points, chosen, self._origin, up, UNTOLD_BEHIND)
+        if image is None and np.count_nonzero(chosen) >= FEWEST:
+            self._no_camera = True
+            self.reject("plane", NO_CAMERA, self.count)
+        return image
 
     def _of_a_camera(self, plane: FloatArray | None) -> bool:
         """Whether a loose cloud's frame is surely a camera's: all of it lies ahead along z, and no table above it."""
@@ -267,8 +276,8 @@ class Frame:
     ) -> tuple[FloatArray | None, Sequence[FloatArray]]:
         """Where the camera stood, if that is known, and for each object the far ends of the lines that met nothing."""
         nothing = [np.empty((0, 3)) for _ in kept]
-        if self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA:
-            return None, nothing  # a frame of the world: no camera looks from under the table
+        if self._no_camera or (self._viewpoint is None and plane is not None and plane[3] < LOWEST_CAMERA):
+            return None, nothing  # a frame of the world: no camera looks from under the table, or through things
         if self.shape is None:
             return self._origin, nothing
         if self.sight is None:

@@ -23,6 +23,7 @@ ALIKE = 0.01  # 1/m: within this the pixels of a block see one surface
 FEWEST = 100  # points of an image
 LOOKS_DOWN = 0.95  # along a direction that is then none in the image
 BEHIND, MOST_BEHIND = 0.05, 0.03  # 1/m, and the share of points so far behind others that no camera saw both
+UNTOLD_BEHIND = 0.01  # likewise, where nobody said that a camera stood there: real ones have 0.0005 to 0.005
 MOST_EMPTY = 0.05  # of the pixels between two filled ones, in a loose cloud's image
 
 
@@ -85,12 +86,16 @@ def organised_image(
 
 
 def loose_image(
-    points: NDArray, valid: NDArray[np.bool_], viewpoint: FloatArray, up: FloatArray | None
+    points: NDArray,
+    valid: NDArray[np.bool_],
+    viewpoint: FloatArray,
+    up: FloatArray | None,
+    most_behind: float = MOST_BEHIND,
 ) -> WorkingImage | None:
     """Of a loose cloud (N, 3) seen from a known viewpoint: an image as fine as its points are dense.
 
     None where the points surround the viewpoint, are too few, or cannot have been seen from there. up: (3,) where it is
-    known, and upward in the image, too.
+    known, and upward in the image, too. most_behind: the share of points that may lie `BEHIND` others.
     """
     index = np.flatnonzero(valid)
     if len(index) < FEWEST:
@@ -126,7 +131,7 @@ def loose_image(
     nearest = np.zeros(h * w, dtype=np.float32)
     np.maximum.at(nearest, cell, q)  # what lies nearer hides the rest
     behind = nearest[cell] - q
-    if np.count_nonzero(behind > BEHIND) > MOST_BEHIND * len(q):
+    if np.count_nonzero(behind > BEHIND) > most_behind * len(q):
         return None
     alike = behind < ALIKE
     sums = np.bincount(cell[alike], q[alike], minlength=h * w)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from grasping import Segmenter
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.working_image import MOST_PIXELS, reduce_blocks, reduce_blocks_reference
-from tests.grasping.rendered_scenes import look_down, render
+from tests.grasping.rendered_scenes import look_down, render, up_in
 
 PLANE = np.array([0.1, -0.2, -0.97, 0.65])
 PLANE /= np.linalg.norm(PLANE[:3])
@@ -57,6 +58,25 @@ def test_a_cloud_of_the_world_without_a_viewpoint_has_none() -> None:
     frame, _ = render([(0, 0, 0.1, 0.1, 0.1)], T)
     world = frame.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
     assert Frame(world, (0.0, 2.0)).working_image(np.array([0.0, 0.0, 1.0, 0.0])) is None
+
+
+def test_a_cloud_that_was_not_seen_from_its_origin_is_told_apart_without_a_viewpoint_and_says_so() -> None:
+    # As if seen straight down, and seen aslant in truth: of the sides of boxes that one saw, the lids hide much.
+    T = look_down(50.0, 0.8)
+    boxes = [(0.15 * i - 0.15, 0.0, 0.08, 0.08, 0.12) for i in range(3)]
+    frame, _ = render(boxes, T, 0.0005)
+    seen = frame[np.isfinite(frame[..., 2])]
+    world = seen @ T[:3, :3].T + T[:3, 3]
+    near = np.abs(world[:, :2]).max(axis=1) < 0.35
+    seen, world = seen[near], world[near]
+    down = (np.array([1.0, -1.0, -1.0]) * world + [0.0, 0.0, 0.7]).astype(np.float32)  # z down, above the table
+    scene = Segmenter().segment(down, up=[0.0, 0.0, -1.0])
+    assert len(scene.objects) == 3
+    assert scene.viewpoint is None
+    assert any("viewpoint" in entry.why for entry in scene.rejected)
+    told = Segmenter().segment(seen, up=up_in(T))
+    assert told.viewpoint is not None
+    assert not any("viewpoint" in entry.why for entry in told.rejected)
 
 
 def test_a_block_is_the_mean_about_its_median_and_a_hole_where_half_is_missing() -> None:
