@@ -3,7 +3,7 @@
 Two halves of different things, two things that touch, a thing stretched, scaled, bent out of what its class may be, a
 small piece of one. Near the classes as they are, they mark their borders better than other things far away: trained on
 clouds of the five LARS classes and on these, a classifier refuses meshes that it has never seen
-(docs/classifiers.md has the figures). Changes that an instance of a class may well have are left to it: all here are
+(docs/strangers.md has the figures). Changes that an instance of a class may well have are left to it: all here are
 stronger.
 """
 
@@ -13,59 +13,26 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pec.known.shape_distribution import describe_cloud
-
 __all__ = ["made_strangers"]
 
 _MOST_POINTS = 4000  # of a half, a cloud and a pair
 _JOIN = 20  # points by which the ends of two halves are found
 
-_TRIES = 20  # for one that has points enough and is like none of the known
-_COMPARED = 1500  # known clouds that it is compared with
-_ORDINARY = 0.9
-_DESCRIBED = 64  # points of each
+_TRIES = 20  # for one that has points enough
 
 
 def made_strangers(clouds: Sequence[np.ndarray], n: int, least: int, rng: np.random.Generator) -> list[np.ndarray]:
-    """n clouds (N, 3) float32 about 0, metres, of `least` points at least, made of `clouds` (N, 3), some at least.
-
-    None is as like one of `clouds` in its shape distribution as they are to each other: a can that is stretched may be
-    a bottle. Fewer than n where nearly all of them are.
-    """
-    known = _Likeness(clouds, rng)
+    """n clouds (N, 3) float32 about 0, metres, of `least` points at least, made of `clouds` (N, 3), some at least."""
     made: list[np.ndarray] = []
     for _ in range(n * _TRIES):
         if len(made) == n:
             break
         first, second = (_centred(clouds[i], rng) for i in rng.integers(len(clouds), size=2))
         way = _WAYS[int(rng.choice(len(_WAYS), p=_SHARES))]
-        cloud = way(first, second, rng).astype(np.float32)
-        if len(cloud) >= least and not known.has_like(cloud, rng):
-            made.append(cloud)
+        cloud = way(first, second, rng)
+        if len(cloud) >= least:
+            made.append(cloud.astype(np.float32))
     return made
-
-
-class _Likeness:
-    """Whether a cloud is like some of `clouds` (N, 3): as near to one as nine in ten are to their nearest other."""
-
-    def __init__(self, clouds: Sequence[np.ndarray], rng: np.random.Generator) -> None:
-        some = rng.permutation(len(clouds))[:_COMPARED]
-        described = np.array([_described(clouds[i], rng) for i in some])
-        self._mean, self._deviation = described.mean(axis=0), described.std(axis=0) + 1e-6
-        self._known = ((described - self._mean) / self._deviation).astype(np.float32)
-        squared = np.square(self._known).sum(axis=1)
-        away = squared[:, None] + squared - 2 * self._known @ self._known.T
-        np.fill_diagonal(away, np.inf)
-        self._squared, self._near = squared, np.quantile(away.min(axis=1), _ORDINARY) if len(some) > 1 else 0.0
-
-    def has_like(self, cloud: np.ndarray, rng: np.random.Generator) -> bool:
-        described = ((_described(cloud, rng) - self._mean) / self._deviation).astype(np.float32)
-        return bool((self._squared - 2 * self._known @ described).min() + described @ described < self._near)
-
-
-def _described(cloud: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Descriptor of points of the cloud that lie as evenly as its own do."""
-    return describe_cloud(np.asarray(cloud, np.float32)[rng.integers(len(cloud), size=_DESCRIBED)])
 
 
 def _halves(first: np.ndarray, second: np.ndarray, rng: np.random.Generator) -> np.ndarray:

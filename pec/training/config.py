@@ -54,9 +54,9 @@ class ProtocolConfig:
     (torch.autocast), or "auto": bfloat16 where it is clearly faster when the run begins; weights keep float32. A run is
     the same whatever "auto" came to, and goes on as it began. logit_adjustment: how far training makes up for classes
     of unequal number, 0 not at all, 1 as if all were as many: the loss sees the logits plus that many times the log of
-    the class's share (Menon et al., ICLR 2021). made_strangers: how many strangers are made of a
-    split's clouds (`pec.data.made_strangers`), times as many as there are of the known classes; with any, or with
-    strangers in the data, the network has one output more, "none of these"."""
+    the class's share (Menon et al., ICLR 2021). made_strangers: how many strangers there are to be in training,
+    times the clouds of the known classes: where fewer are given, others are made of the known clouds
+    (`pec.data.made_strangers`); with any the network has one output more, "none of these"."""
 
     selection: str = "validation"
     epochs: int = 60

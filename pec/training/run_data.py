@@ -78,7 +78,7 @@ def load_run_data(config: TrainConfig, device: torch.device) -> RunData:
 
 
 def _with_made_strangers(dataset: CloudDataset, parts: Parts, config: TrainConfig) -> tuple[CloudDataset, Parts]:
-    """With strangers made of the clouds of each part but test, as many as `protocol.made_strangers` asks for.
+    """With strangers made of the clouds of each part but test, where fewer are given than asked for.
 
     Calibration gets some where it would have none: it needs strangers to tell the known from.
     """
@@ -89,8 +89,9 @@ def _with_made_strangers(dataset: CloudDataset, parts: Parts, config: TrainConfi
     for name in ("training", "selection", "calibration"):
         indices = getattr(parts, name)
         known = indices[dataset.labels[indices] < n_known]
-        n = round(config.protocol.made_strangers * len(known))
-        if name == "calibration" and n == 0 and len(known) == len(indices):
+        given = len(indices) - len(known)
+        n = max(round(config.protocol.made_strangers * len(known)) - given, 0)
+        if name == "calibration" and n + given == 0:
             n = len(known)
         made = made_strangers([dataset.cloud(i) for i in known], n, config.preprocess.n_points, rng)
         begin = len(dataset) + len(extra)

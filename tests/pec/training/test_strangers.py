@@ -128,3 +128,11 @@ def test_senseless_settings_are_refused(shapes, tmp_path):
         read_config(_settings(shapes, tmp_path, protocol={"made_strangers": -1}))
     with pytest.raises(ConfigError, match=r"dataset\.calibration_fraction must be in \[0, 1\), got 1"):
         read_config(_settings(shapes, tmp_path) | {"dataset": {"path": "x", "calibration_fraction": 1.0}})
+
+
+def test_no_strangers_are_made_where_enough_are_given(run, tmp_path):
+    data, _, _ = run
+    results = train(_settings(data, tmp_path, protocol={"made_strangers": 0.5, "epochs": 1}))
+    assert results["n_samples"]["strangers_in_training"] == 28  # for 56 known clouds
+    more = train(_settings(data, tmp_path / "more", protocol={"made_strangers": 0.75, "epochs": 1}))
+    assert more["n_samples"]["strangers_in_training"] == 42
