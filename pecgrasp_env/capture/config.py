@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pecgrasp_env.objects import LARS_CLASSES
+from pecgrasp_env.objects.deform import MOST
+from pecgrasp_env.objects.procedural.catalogue import FAMILIES
 from pecgrasp_env.objects.ycb import LOOK_ALIKES
 from pecgrasp_env.policy.viewpoints import N_VIEWPOINTS
 from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, SensorError, SensorMode, intrinsics_of
@@ -40,6 +42,12 @@ class ObjectsConfig:
     """Take meshes of the folder that are not closed, as thin shells."""
     seed: int = 0
     """The first instance that the catalogue draws."""
+    families: str = "narrow"
+    """How wide the catalogue draws: "narrow", as the published sets have it, or "wide", in those of many products."""
+    deformations: int = 0
+    """Deformed copies of each instance, besides itself."""
+    deformation: float = 0.15
+    """How strongly: the standard deviation of the logarithm of their sizes; bend, twist and the rest go with it."""
     download: bool = False
     """Of "ycb": ManiSkill's download instead of look-alikes out of the catalogue."""
     strangers: int | None = 0
@@ -65,6 +73,21 @@ class ObjectsConfig:
             raise CaptureError(f"objects.strangers_samples must be at least 1, got {self.strangers_samples}")
         if self.strangers != 0 and self.source == "modelnet10":
             raise CaptureError("objects.strangers must be 0 with modelnet10: strangers are things that a gripper holds")
+        if self.families not in FAMILIES:
+            raise CaptureError(
+                f"objects.families {self.families!r} does not exist; choose one of {', '.join(FAMILIES)}"
+            )
+        if self.families != "narrow" and (self.source != "catalogue" or self.path is not None):
+            raise CaptureError(f"objects.families={self.families} is of the catalogue; other objects have none: narrow")
+        if self.deformations < 0:
+            raise CaptureError(f"objects.deformations must not be negative, got {self.deformations}")
+        if not 0 < self.deformation <= MOST:
+            raise CaptureError(
+                f"objects.deformation must be above 0 and at most {MOST}, got {self.deformation}; "
+                "objects.deformations=0 for none"
+            )
+        if self.deformations and self.source == "modelnet10":
+            raise CaptureError("objects.deformations must be 0 with modelnet10, whose split is by mesh")
         if self.scale <= 0:
             raise CaptureError(f"objects.scale must be positive, got {self.scale}")
 
@@ -163,6 +186,9 @@ class CaptureConfig:
                 classes=None if classes is None else tuple(classes),
                 instances_per_class=settings["instances_per_class"],
                 strangers=0 if settings.get("scenario") == "surface" else objects.get("strangers", 0),
+                families=objects.get("families", ObjectsConfig.families),
+                deformations=objects.get("deformations", ObjectsConfig.deformations),
+                deformation=objects.get("deformation", ObjectsConfig.deformation),
                 strangers_samples=objects.get("strangers_samples", ObjectsConfig.strangers_samples),
                 **{name: objects[name] for name in ("source", "path", "scale", "allow_open", "seed", "download")},
             ),
@@ -197,6 +223,10 @@ class CaptureConfig:
         described = {name: value for name, value in asdict(self).items() if name not in unused}
         if self.objects.strangers == 0:
             del described["objects"]["strangers"], described["objects"]["strangers_samples"]
+        if self.objects.families == "narrow":
+            del described["objects"]["families"]
+        if self.objects.deformations == 0:
+            del described["objects"]["deformations"], described["objects"]["deformation"]
         return json.loads(json.dumps(described))
 
     @property

@@ -13,6 +13,7 @@ from pecgrasp_env.capture.config import CaptureConfig
 from pecgrasp_env.capture.source import Source
 from pecgrasp_env.capture.with_strangers import WithStrangers, n_drawn
 from pecgrasp_env.objects import LARS_CLASSES, UNKNOWN, Catalogue
+from pecgrasp_env.objects.deform import Deformed
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.modelnet import ModelNetArchive
 from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
@@ -31,7 +32,7 @@ def allot(config: CaptureConfig, source: Source) -> tuple[Manifest, list[ShardJo
     for class_index, class_name in enumerate(source.classes):
         names = source.names(class_name)
         n_own = source.n_own if isinstance(source, WithStrangers) and class_name == UNKNOWN else len(names)
-        own = list(range(n_own))[: config.objects.instances_per_class]
+        own = list(range(n_own))[: _most(config)]
         for number in (*own, *range(n_own, len(names))):
             member = Member(class_index, len(instances), number)
             (members if number < n_own else strangers).append(member)
@@ -45,6 +46,12 @@ def allot(config: CaptureConfig, source: Source) -> tuple[Manifest, list[ShardJo
     described = replace(config, objects=replace(config.objects, strangers=len(strangers))).described()
     manifest = Manifest(list(source.classes), instances, config.cameras, described, config.seed, made_by())
     return manifest, jobs
+
+
+def _most(config: CaptureConfig) -> int | None:
+    """Instances of a class, deformed ones included; None: all."""
+    objects = config.objects
+    return None if objects.instances_per_class is None else objects.instances_per_class * (1 + objects.deformations)
 
 
 def made_by() -> dict[str, str]:
@@ -111,6 +118,13 @@ def open_source(config: CaptureConfig) -> Source:
 
 
 def _open_known(config: CaptureConfig) -> Source:
+    source, objects = _open_undeformed(config), config.objects
+    if objects.deformations == 0:
+        return source
+    return Deformed(source, objects.deformations, objects.deformation, objects.seed, untouched=(UNKNOWN,))
+
+
+def _open_undeformed(config: CaptureConfig) -> Source:
     objects = config.objects
     if objects.path is not None and objects.source == "modelnet10":
         return ModelNetArchive(objects.path, objects.classes)
@@ -122,4 +136,5 @@ def _open_known(config: CaptureConfig) -> Source:
         return YcbDownload(objects.classes, objects.seed)
     if objects.source == "ycb":
         return YcbLookAlikes(objects.classes, objects.instances_per_class, objects.seed)
-    return Catalogue(objects.classes or LARS_CLASSES, objects.instances_per_class or 20, objects.seed)
+    classes, count = objects.classes or LARS_CLASSES, objects.instances_per_class or 20
+    return Catalogue(classes, count, objects.seed, objects.families)

@@ -26,7 +26,8 @@ def n_drawn(config: CaptureConfig, source: Source) -> int:
     objects = config.objects
     if objects.strangers is not None:
         return objects.strangers
-    n_instances = {name: len(source.names(name)[: objects.instances_per_class]) for name in source.classes}
+    most = objects.instances_per_class and objects.instances_per_class * (1 + objects.deformations)
+    n_instances = {name: len(source.names(name)[:most]) for name in source.classes}
     own = n_instances.pop(UNKNOWN, 0)
     missing = (sum(n_instances.values()) / 2 - own) * config.samples_per_instance
     return max(0, round(missing / config.samples_of_stranger))

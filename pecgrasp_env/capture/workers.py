@@ -22,6 +22,7 @@ from pecgrasp_env.capture.source import Source
 from pecgrasp_env.capture.with_strangers import WithStrangers
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.objects import ObjectError, ObjectModel
+from pecgrasp_env.objects.deform import Deformed
 from pecgrasp_env.objects.mesh_folder import MeshFolder, MeshWarning
 
 __all__ = ["Result", "make_shards", "prepare"]
@@ -70,6 +71,9 @@ def prepare(
         drawn = [one for one in members if source.is_drawn(*one)]
         members = {one: None for one in members if one not in drawn}
         members |= dict.fromkeys(source.models_near() if drawn else ())
+        source = source.base
+    if isinstance(source, Deformed):
+        members = {(name, source.original(name, i)[0]): None for name, i in members}
         source = source.base
     if not isinstance(source, MeshFolder):
         return

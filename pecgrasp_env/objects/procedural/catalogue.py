@@ -23,6 +23,7 @@ from pecgrasp_env.objects.procedural.joypad import joypad
 from pecgrasp_env.objects.procedural.mouse import mouse
 from pecgrasp_env.objects.procedural.pliers import pliers
 from pecgrasp_env.objects.procedural.plug_adapter import plug_adapter
+from pecgrasp_env.objects.procedural.proportions import KINDS, in_proportion
 from pecgrasp_env.objects.procedural.stapler import stapler
 from pecgrasp_env.objects.procedural.vessels import bowl, mug
 from pecgrasp_env.objects.procedural.wire_cutter import open_wire_cutter, wire_cutter
@@ -45,19 +46,28 @@ _GENERATORS: dict[str, Callable[[np.random.Generator], Draft]] = {
 }
 CLASSES: tuple[str, ...] = tuple(_GENERATORS)
 LARS_CLASSES = CLASSES[:5]
+FAMILIES = ("narrow", "wide")
 
 
 @lru_cache(maxsize=1024)
-def make_object(class_name: str, seed: int) -> ObjectModel:
+def make_object(class_name: str, seed: int, families: str = "narrow") -> ObjectModel:
     """The instance of `class_name` that `seed` (>= 0) draws: the same shape in every process.
+
+    families: "narrow", as the published sets have it, or "wide", in the sizes and proportions of many products
+    (`proportions`); a class of one's own is the same in both.
 
     Raises ObjectError for a class that the catalogue does not have.
     """
     generator = _generator(class_name)
     if seed < 0:
         raise ObjectError(f"seed of a {class_name} must not be negative, got {seed}")
-    pieces, mass = generator(np.random.default_rng([zlib.crc32(class_name.encode()), seed]))
-    return assemble(class_name, f"{class_name}_{seed:04d}", pieces, mass)
+    name, rng = f"{class_name}_{seed:04d}", np.random.default_rng([zlib.crc32(class_name.encode()), seed])
+    if families == "wide" and class_name in KINDS:
+        name, rng = f"{class_name}_wide_{seed:04d}", np.random.default_rng([zlib.crc32(class_name.encode()), seed, 1])
+        pieces, mass = in_proportion(class_name, generator, rng)
+    else:
+        pieces, mass = generator(rng)
+    return assemble(class_name, name, pieces, mass)
 
 
 def _generator(class_name: str) -> Callable[[np.random.Generator], Draft]:
@@ -84,28 +94,34 @@ class Catalogue:
     Raises ObjectError for an unknown class, no class at all, or fewer than one instance a class.
     """
 
-    def __init__(self, classes: Sequence[str] = CLASSES, instances_per_class: int = 10, seed: int = 0) -> None:
+    def __init__(
+        self, classes: Sequence[str] = CLASSES, instances_per_class: int = 10, seed: int = 0, families: str = "narrow"
+    ) -> None:
         for class_name in classes:
             _generator(class_name)
         if not classes or len(set(classes)) != len(classes):
             raise ObjectError(f"classes must be named once each and at least one, got {list(classes)}")
         if instances_per_class < 1 or seed < 0:
             raise ObjectError(f"instances_per_class must be >= 1 and seed >= 0, got {instances_per_class} and {seed}")
+        if families not in FAMILIES:
+            raise ObjectError(f"families {families!r} does not exist; choose one of {', '.join(FAMILIES)}")
         self.classes = tuple(classes)
+        self.families = families
         self.instances_per_class = instances_per_class
         self.seed = seed
 
     def names(self, class_name: str) -> list[str]:
         """The names of the class's instances, in order."""
         self._check(class_name)
-        return [f"{class_name}_{self.seed + i:04d}" for i in range(self.instances_per_class)]
+        wide = "wide_" if self.families == "wide" and class_name in KINDS else ""
+        return [f"{class_name}_{wide}{self.seed + i:04d}" for i in range(self.instances_per_class)]
 
     def load(self, class_name: str, i: int) -> ObjectModel:
         """Instance `i` (0 <= i < instances_per_class) of a class."""
         self._check(class_name)
         if not 0 <= i < self.instances_per_class:
             raise ObjectError(f"{class_name} has instances 0 to {self.instances_per_class - 1}, asked for {i}")
-        return make_object(class_name, self.seed + i)
+        return make_object(class_name, self.seed + i, self.families)
 
     def origin(self, class_name: str, i: int) -> str:
         """Where instance `i` comes from, in words."""
