@@ -42,29 +42,33 @@ class SurfaceGroups:
 
 @dataclass(frozen=True)
 class PatchGroups:
-    """labels: (h, w) the group of each pixel, from 1 up. features: (G + 1, len(OF_GROUP)) of the groups."""
+    """labels: (h, w) the group of each pixel, from 1 up. features: (G + 1, len(OF_GROUP)) of the groups. whole:
+    (G + 1,) how sure, in [0, 1], each is a whole thing.
+    """
 
     labels: Labels
     grouping: Grouping
     features: Float32Array
+    whole: FloatArray
 
 
 def group_patches(surfaces: Surfaces, relations: Relations) -> PatchGroups:
     """Group the patches of an image; specks, and scraps that are surely no whole thing, go with what they adjoin."""
     grouping = surfaces.group(relations).without_specks(surfaces.measures.pixels)
-    groups = _described(surfaces, grouping)
-    whole = probability(relations.whole.log_odds(groups.features))
+    groups = _described(surfaces, grouping, relations)
     pixels = groups.features[:, OF_GROUP.index("pixels")]
-    scraps = np.flatnonzero((pixels > 0) & (pixels < SCRAP) & (whole < SURELY_NO_WHOLE))
+    scraps = np.flatnonzero((pixels > 0) & (pixels < SCRAP) & (groups.whole < SURELY_NO_WHOLE))
     if not len(scraps):
         return groups
-    return _described(surfaces, grouping.given_away(scraps[np.argsort(pixels[scraps])], LEAST_ODDS))
+    left = grouping.given_away(scraps[np.argsort(pixels[scraps])], LEAST_ODDS)
+    return groups if np.array_equal(left.group, grouping.group) else _described(surfaces, left, relations)
 
 
-def _described(surfaces: Surfaces, grouping: Grouping) -> PatchGroups:
-    labels = grouping.group[surfaces.labels].astype(np.int32)
+def _described(surfaces: Surfaces, grouping: Grouping, relations: Relations) -> PatchGroups:
+    labels = grouping.group.astype(np.int32).take(surfaces.labels)
     measures = surfaces.measure(labels, int(grouping.group.max(initial=0)))
-    return PatchGroups(labels, grouping, group_features(labels, measures, surfaces.relief, grouping, surfaces.up))
+    features = group_features(labels, measures, surfaces.relief, grouping, surfaces.up)
+    return PatchGroups(labels, grouping, features, probability(relations.whole.log_odds(features)))
 
 
 def group_by_surfaces(
@@ -82,8 +86,7 @@ def group_by_surfaces(
     number = _of_points(image, groups.labels, table)
     number[~valid] = 0
     thing = probability(relations.thing.log_odds(groups.features))
-    whole = probability(relations.whole.log_odds(groups.features))
-    return SurfaceGroups(number, above, noise, thing, whole, groups.grouping.cuts)
+    return SurfaceGroups(number, above, noise, thing, groups.whole, groups.grouping.cuts)
 
 
 def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None) -> Labels:

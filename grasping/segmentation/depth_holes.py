@@ -39,11 +39,17 @@ def parts_over_holes(
     the latter from the camera at the viewpoint (3,), m. table (T,): pixels that show the table, whose directions
     level (3, 2) are. near: m within which one of those shows the table at a place.
     """
-    owner = np.full(holes.shape, -1)
+    if len(kept) < 2:
+        return [[i] for i in range(len(kept))]
+    owner = np.full(holes.shape, -1, dtype=np.int32)
     for number, index in enumerate(kept):
         owner.reshape(-1)[index] = number
-    place = np.arange(holes.size).reshape(holes.shape)
-    lines = [_across(holes, owner, place), _across(holes.T, owner.T, place.T)]
+    # What lies between two things lies in the window about all of them.
+    rows, columns = np.flatnonzero((owner >= 0).any(axis=1)), np.flatnonzero((owner >= 0).any(axis=0))
+    window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    place = np.arange(holes.size, dtype=np.int64).reshape(holes.shape)[window]
+    inside, numbers = holes[window], owner[window]
+    lines = [_across(inside, numbers, place), _across(inside.T, numbers.T, place.T)]
     group = list(range(len(kept)))
     between = [np.sort(owner.reshape(-1)[[one, other]], axis=0) for one, other in lines]
     pairs = {(a, b) for own in between for a, b in own.T.tolist()}

@@ -262,7 +262,7 @@ class Frame:
             indices=kept,
             plane=plane,
             touches_border=[self.cut_off(index) for index in kept],
-            touches_gripper=[self._touches_robot(points) for points in clouds],
+            touches_gripper=self._touching_robot(clouds),
             rejected=self.rejected,
             obstacles=[self.points.take(index, axis=0) for index in obstacles],
             n_table=n_table,
@@ -293,8 +293,14 @@ class Frame:
     def _edge(self) -> EdgeOfView | None:
         return None if self.shape is None else EdgeOfView(self.valid.reshape(self.shape))
 
-    def _touches_robot(self, points: NDArray) -> bool:
-        return self._robot is not None and len(self._robot.within(points, GRIPPER_CONTACT)) > 0
+    def _touching_robot(self, clouds: Sequence[NDArray]) -> list[bool]:
+        """Which of the objects, by their points (M, 3), the robot touches; asked for all at once."""
+        if self._robot is None or not clouds:
+            return [False] * len(clouds)
+        touching = np.zeros(sum(map(len, clouds)), dtype=bool)
+        touching[self._robot.within(np.concatenate(clouds), GRIPPER_CONTACT)] = True
+        ends = np.cumsum([len(points) for points in clouds])
+        return [bool(each.any()) for each in np.split(touching, ends[:-1])]
 
 
 def _all_beyond(squared: NDArray) -> str:

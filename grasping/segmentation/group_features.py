@@ -41,8 +41,9 @@ def group_features(
     plane, quadric = (fit_quadratics(*sums, terms)[0] for terms in (3, 6))
     strength = least = unknown
     if relief is not None:
-        own = labels.ravel()
-        over = relief.above.ravel() / np.float32(max(relief.noise, 1e-9))
+        at = np.flatnonzero(labels)
+        own = labels.ravel().take(at)
+        over = relief.above.ravel().take(at) / np.float32(max(relief.noise, 1e-9))
         strength = np.bincount(own, np.minimum(over, 20), minlength=count) / pixels
         least = np.bincount(own, over < 2, minlength=count) / pixels
     low, middle, high = measures.heights.T

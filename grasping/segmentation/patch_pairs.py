@@ -148,19 +148,20 @@ def patches_at_holes(labels: Labels, inverse_depth: Float32Array) -> list[Patche
     holes, count = label_pieces(~measured)
     if not count:
         return []
-    w, patches = labels.shape[1], int(labels.max()) + 1
-    right = np.flatnonzero((labels[:, :-1] > 0) & (holes[:, 1:] > 0))
-    left = np.flatnonzero((holes[:, :-1] > 0) & (labels[:, 1:] > 0))
-    right, left = (at + at // max(w - 1, 1) for at in (right, left))  # pixels, from their numbers in w − 1 columns
-    below = np.flatnonzero((labels[:-1] > 0) & (holes[1:] > 0))
-    above = np.flatnonzero((holes[:-1] > 0) & (labels[1:] > 0))
-    beside = np.concatenate([right, left + 1, below, above + w])
-    hole_of = holes.ravel()[np.concatenate([right + 1, left, below + w, above])]
+    (h, w), patches, flat = labels.shape, int(labels.max()) + 1, labels.ravel()
+    empty = np.flatnonzero(holes)
+    hole, column = holes.ravel().take(empty), empty % w
+    found = []
+    for step, there in ((-1, column > 0), (1, column < w - 1), (-w, empty >= w), (w, empty < (h - 1) * w)):
+        at = np.flatnonzero(there)
+        at = at[flat.take(empty[at] + step) > 0]
+        found.append((hole[at], empty[at] + step))
+    hole_of, beside = (np.concatenate(part) for part in zip(*found, strict=True))
     key, inverse, pixels = np.unique(
-        hole_of.astype(np.int64) * patches + labels.ravel()[beside], return_inverse=True, return_counts=True
+        hole_of.astype(np.int64) * patches + flat[beside], return_inverse=True, return_counts=True
     )
     mean = np.bincount(inverse.reshape(-1), inverse_depth.ravel()[beside], minlength=len(key)) / np.maximum(pixels, 1)
-    sizes = np.bincount(holes.ravel(), minlength=count + 1)
+    sizes = np.bincount(hole, minlength=count + 1)
     used = np.flatnonzero((pixels >= LEAST_AT_HOLE) & (sizes[key // patches] < LARGE_HOLE * labels.size))
     hole, first = np.unique(key[used] // patches, return_index=True)
     parts = np.split(used, first[1:]) if len(hole) else []
