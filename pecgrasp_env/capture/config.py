@@ -104,6 +104,8 @@ class TabletopConfig:
     """Least distance between two outlines, metres."""
     joint_noise: float = 0.02
     """Greatest deviation of each arm joint from the policy's posture, radians."""
+    free_views: float = 0.0
+    """Share of the frames that a camera on a stand takes, 0.45 to 1.4 m away from about the table, not the robot's."""
     min_purity: float = 0.95
     """Of a cut-out's points on objects, the least share that lies on the labelled one; 0 keeps all, marked so."""
     drops: int = 32
@@ -115,6 +117,7 @@ class TabletopConfig:
             ("distractors", 0, 8),
             ("clearance", 0, 0.2),
             ("joint_noise", 0, 0.1),  # beyond, the camera turns away from the objects
+            ("free_views", 0, 1),
             ("min_purity", 0, 1),
             ("drops", 1, 1000),
         ):
@@ -247,8 +250,11 @@ class CaptureConfig:
         known = list(zip(self.resolutions, map(asdict, self.intrinsics), strict=True))
         if self.scenario == "free":
             return [{"name": name, **camera} for name, camera in known]
-        views = range(1, N_VIEWPOINTS + 1)
-        return [{"name": f"{name}, the policy's view {view}", **camera} for name, camera in known for view in views]
+        views = [f"the policy's view {view}" for view in range(1, N_VIEWPOINTS + 1)]
+        cameras = [{"name": f"{name}, {view}", **camera} for name, camera in known for view in views]
+        if self.tabletop.free_views:
+            cameras += [{"name": f"{name}, on a stand", **camera} for name, camera in known]
+        return cameras
 
     @property
     def labelled_classes(self) -> tuple[str, ...]:

@@ -3,7 +3,8 @@ cut out of the frame by the segmentation that runs on the robot.
 
 A frame shows several objects, laid out as the task SelectiveGrasp-v1 lays them out: as they come to rest after a fall
 in a random orientation, turned about the vertical, anywhere in the task's region, apart. The wrist camera looks from
-one of the postures from which the policy looks. The table and the floor are planes, so their depth is computed, not
+one of the postures from which the policy looks; with `free_views` a camera on a stand takes a share of the frames, from
+near or far, high up or low down. The table and the floor are planes, so their depth is computed, not
 drawn; the gripper is out of the camera's view. The sensor sees all of it at once, and `grasping.Segmenter` finds the
 objects, with whatever it loses or adds. Which object a cut-out is, the renderer says: it is labelled by the object that
 most of its points lie on, and thrown away where others have too large a share of it. The dissertation has no such set.
@@ -29,6 +30,7 @@ from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Renderer, Shot
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, compose
+from pecgrasp_env.capture.rendering.view_of_table import draw_view
 from pecgrasp_env.capture.scenarios.base import Captured, Subject, measure, rotation_matrix, sample_seed
 from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
@@ -37,6 +39,7 @@ from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.scene.placement import REGION, PlacementError, arrange
 from pecgrasp_env.scene.settling import drop
+from pecgrasp_env.sensor.intrinsics import deproject
 
 if TYPE_CHECKING:
     from pecgrasp_env.sensor import CameraIntrinsics
@@ -47,6 +50,8 @@ _MOST_FRAMES = 200
 """Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
 _LARGEST = 0.45
 """m; the segmenter calls nothing larger an object."""
+_STAND_NEAREST = 0.45
+"""m of a camera on a stand from what it looks at."""
 
 
 def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
@@ -79,6 +84,8 @@ class _Layout:
     q: np.ndarray
     """Joint angles (6,), rad."""
     T_base_camera: np.ndarray
+    on_stand: bool
+    """Not the robot's camera, which therefore is nowhere in sight."""
     shots: list[Shot]
 
 
@@ -146,19 +153,26 @@ class TabletopScenario:
 
     def _lay_out(self, models: Sequence[ObjectModel], seed: int) -> _Layout:
         config, rng = self._config, np.random.default_rng(seed)
-        number = int(rng.integers(len(config.cameras)))
-        posture = self._postures[number % len(self._postures)]
-        camera = config.intrinsics[number // len(self._postures)]
-        q = posture + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
+        of_robot = len(config.intrinsics) * len(self._postures)
+        number = int(rng.integers(of_robot))
+        resolution, posture = divmod(number, len(self._postures))
+        camera = config.intrinsics[resolution]
+        q = self._postures[posture] + rng.uniform(-1, 1, 6) * config.tabletop.joint_noise
         T_base_camera = forward_kinematics(q) @ T_TOOL0_CAMERA
+        on_stand = config.tabletop.free_views > 0 and rng.uniform() < config.tabletop.free_views
+        if on_stand:
+            number = of_robot + resolution
+            x, y = rng.uniform(REGION.x_min, REGION.x_max), rng.uniform(REGION.y_min, REGION.y_max)
+            target = np.array([x, y, 0.0])
+            T_base_camera = draw_view(target, (-np.pi, np.pi), _STAND_NEAREST, rng)
         try:
             placed = self._place(models, rng)
         except PlacementError:
-            return _Layout(seed, rng, number, camera, q, T_base_camera, [])
+            return _Layout(seed, rng, number, camera, q, T_base_camera, on_stand, [])
         T_camera_base = np.linalg.inv(T_base_camera)
         poses = [T_camera_base @ _matrix(pose) for pose in placed]
         shots = [Shot(i, pose, camera, self._renderer.extent(i, pose, camera)) for i, pose in enumerate(poses)]
-        return _Layout(seed, rng, number, camera, q, T_base_camera, shots)
+        return _Layout(seed, rng, number, camera, q, T_base_camera, on_stand, shots)
 
     def _check(self, model: ObjectModel) -> None:
         """Raises CaptureError where an object cannot be captured."""
@@ -186,8 +200,12 @@ class TabletopScenario:
             return samples
         depth = measure(self._config, table.depth, layout.camera, layout.rng)
         try:
-            observation = RobotObservation(layout.q, ROBOTIQ_2F_140.stroke, lambda: DepthFrame(depth, layout.camera))
-            scene = segment_frame(observation, self._segmenter)
+            if layout.on_stand:
+                up = layout.T_base_camera[2, :3]
+                scene = self._segmenter.segment(deproject(depth, layout.camera), up=up)
+            else:
+                frame = DepthFrame(depth, layout.camera)
+                scene = segment_frame(RobotObservation(layout.q, ROBOTIQ_2F_140.stroke, lambda: frame), self._segmenter)
         except CloudError:
             for counter in reasons.values():
                 counter["not found"] += 1

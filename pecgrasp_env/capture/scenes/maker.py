@@ -10,12 +10,13 @@ import sapien
 
 from pecgrasp_env.capture.config import CaptureError
 from pecgrasp_env.capture.rendering.scene_renderer import SceneRenderer
+from pecgrasp_env.capture.rendering.view_of_table import draw_view
 from pecgrasp_env.capture.scenarios.base import sample_seed
 from pecgrasp_env.capture.scenes.arrangement import Arrangement, arrange_scene
 from pecgrasp_env.capture.scenes.config import CAMERAS, FramesConfig
 from pecgrasp_env.capture.scenes.frames import BIN_LABEL, FIRST_OBJECT, TABLE_LABEL, LabelledFrame
 from pecgrasp_env.capture.scenes.object_pool import ObjectPool
-from pecgrasp_env.capture.scenes.room import Box, draw_room, draw_view
+from pecgrasp_env.capture.scenes.room import Box, draw_room
 from pecgrasp_env.scene.placement import PlacementError, outline_of
 from pecgrasp_env.sensor import CameraIntrinsics, D435Noise, apply_d435
 from pecgrasp_env.sensor.structured_light_noise import StructuredLightNoise, apply_structured_light, lost_regions
@@ -62,7 +63,7 @@ class SceneMaker:
             camera = CAMERAS[name]
             for _ in range(_VIEWS):
                 middle = poses[:, :3].mean(axis=0) if rng.random() < 0.7 else poses[rng.integers(len(poses)), :3]
-                T_world_camera = draw_view(middle, room, _nearest(name), rng)
+                T_world_camera = draw_view(middle, room.azimuths, _nearest(name), rng)
                 exact, labels = self._renderer.render(T_world_camera, camera)
                 on_objects = np.bincount(labels.reshape(-1), minlength=256)[FIRST_OBJECT:BIN_LABEL]
                 if on_objects.max() >= _LEAST_SHARE * labels.size:

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Box", "Room", "draw_room", "draw_view"]
+__all__ = ["Box", "Room", "draw_room"]
 
-_FARTHEST_M = 1.4  # of the camera
-_ELEVATION = np.radians((25.0, 80.0))
-_ROLL = np.radians(4.0)
 _SIDEWAYS = np.radians(75.0)  # of the camera, from straight before the wall
 
 
@@ -74,27 +71,3 @@ def draw_room(points: np.ndarray, rng: np.random.Generator) -> Room:
             box([*(place - size[:2] / 2), -drop], [*(place + size[:2] / 2), 2 * size[2] - drop], rng.normal())
         )
     return Room(table, tuple(others), (least, most))
-
-
-def draw_view(target: np.ndarray, room: Room, nearest: float, rng: np.random.Generator) -> np.ndarray:
-    """T_world_camera (4, 4), OpenCV's axes, of a camera that looks at about the target (3,), before the walls.
-
-    ``nearest`` to 1.4 m from it, 25° to 80° above the table, nearly level.
-    """
-    distance = nearest + (_FARTHEST_M - nearest) * rng.uniform() ** 2  # more often near than far
-    elevation = np.arcsin(rng.uniform(*np.sin(_ELEVATION)))  # as even over the half sphere as the limits allow
-    azimuth = rng.uniform(*room.azimuths)
-    away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    eye = target + distance * away
-    forward = target + rng.normal(0, 0.06, 3) * distance - eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
-    roll = rng.normal(0, _ROLL)
-    T = np.eye(4)
-    T[:3, 0] = np.cos(roll) * right + np.sin(roll) * down
-    T[:3, 1] = -np.sin(roll) * right + np.cos(roll) * down
-    T[:3, 2] = forward
-    T[:3, 3] = eye
-    return T

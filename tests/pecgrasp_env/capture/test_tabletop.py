@@ -223,6 +223,24 @@ def test_distractors_must_be_of_classes_that_the_set_does_not_label():
         capture(config, [make_object("can", 0)], 1)
 
 
+def test_a_camera_on_a_stand_sees_the_table_from_near_and_far():
+    model = block(0.10, 0.06, 0.04)
+    config = replace(laid_close(), samples_per_instance=24)
+    config = replace(config, tabletop=replace(config.tabletop, free_views=1.0, clearance=0.03))
+    captured = capture(config, [model], 24)
+    assert len(captured.samples) == 24
+    robots = len(look_postures())
+    assert {sample.camera for sample in captured.samples} == {robots}
+    assert config.cameras[robots]["name"] == "424x240, on a stand"
+    poses = np.array([sample.T_camera_object for sample in captured.samples])
+    distance = np.linalg.norm(poses[:, :3, 3], axis=1)
+    assert distance.min() < 0.7
+    assert distance.max() > 1.0
+    for sample in captured.samples:
+        inside = (sample.points - sample.T_camera_object[:3, 3]) @ sample.T_camera_object[:3, :3]
+        assert (np.abs(inside) <= [0.055, 0.035, 0.025]).all()
+
+
 def test_the_set_has_the_same_bytes_from_two_workers_and_d435(tmp_path):
     config = replace(TABLE, sensor="d435")
     one = generate(config, tmp_path / "one", workers=1).directory
@@ -245,6 +263,7 @@ def test_the_set_has_the_same_bytes_from_two_workers_and_d435(tmp_path):
         ({"distractors": -1}, "distractors"),
         ({"min_purity": 1.2}, "min_purity"),
         ({"joint_noise": 0.5}, "joint_noise"),
+        ({"free_views": 1.5}, r"free_views must lie in 0 … 1, got 1.5"),
         ({"drops": 0}, "drops"),
     ],
 )
