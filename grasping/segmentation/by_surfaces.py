@@ -82,7 +82,8 @@ def group_by_surfaces(
     above, table, noise = None, None, 0.0
     if surfaces.relief is not None:
         table, noise = surfaces.relief.table, surfaces.relief.noise
-        above = image.point_inverse_depth - table.ravel()[np.maximum(image.cells, 0)]
+        of_table = table.ravel() if image.pixel_a_point else table.ravel()[np.maximum(image.cells, 0)]
+        above = image.point_inverse_depth - of_table
     number = _of_points(image, groups.labels, table)
     number[~valid] = 0
     thing = probability(relations.thing.log_odds(groups.features))
@@ -91,9 +92,9 @@ def group_by_surfaces(
 
 def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None) -> Labels:
     """(N,) the number of each point: its pixel's, or, where it lies elsewhere than the most of that, a neighbour's."""
+    if image.pixel_a_point:
+        return of_pixel.reshape(-1).copy()
     flat = np.where(image.cells >= 0, of_pixel.ravel()[np.maximum(image.cells, 0)], np.int32(0))
-    if len(image.cells) == of_pixel.size and image.cells[-1] == of_pixel.size - 1:
-        return flat  # a pixel a point
     h, w = of_pixel.shape
     inside = np.zeros((h, w), dtype=bool)
     for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):

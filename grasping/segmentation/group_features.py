@@ -41,7 +41,7 @@ def group_features(
     plane, quadric = (fit_quadratics(*sums, terms)[0] for terms in (3, 6))
     strength = least = unknown
     if relief is not None:
-        at = np.flatnonzero(labels)
+        at = np.flatnonzero(labels > 0)
         own = labels.ravel().take(at)
         over = relief.above.ravel().take(at) / np.float32(max(relief.noise, 1e-9))
         strength = np.bincount(own, np.minimum(over, 20), minlength=count) / pixels

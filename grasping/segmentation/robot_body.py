@@ -59,10 +59,11 @@ class RobotBody:
 def _near(points: NDArray, centre: FloatArray, reach: FloatArray) -> tuple[IntArray, NDArray]:
     """The points (N, 3) in the cells of a grid that spheres touch: their numbers (M,), and themselves (M, 3)."""
     low, high = (centre - reach[:, None]).min(axis=0), (centre + reach[:, None]).max(axis=0)
-    index = np.arange(len(points))
-    for axis in (2, 1, 0):  # a camera's depth first: most of what it sees is behind a hand
+    depth = points[:, 2]  # a camera's first: most of what it sees is behind a hand
+    index = np.flatnonzero((depth >= low[2]) & (depth <= high[2]))  # which NaN is not
+    for axis in (1, 0):
         along = points[:, axis].take(index)
-        index = index[(along >= low[axis]) & (along <= high[axis])]  # which NaN is not
+        index = index[(along >= low[axis]) & (along <= high[axis])]
     cell = max(CELL, float((high - low).max()) / MOST_CELLS)
     touched = np.zeros(np.floor((high - low) / cell).astype(np.int64) + 1, dtype=bool)
     first = np.floor((centre - reach[:, None] - low) / cell).astype(np.int64)

@@ -191,7 +191,7 @@ class Segmenter:
         else:
             alone = seen.steady & (groups.number == 0)
             frame.reject("points", "isolated", np.flatnonzero(alone))
-        chosen = np.flatnonzero(groups.number)
+        chosen = np.flatnonzero(groups.number > 0)
         number = groups.number.take(chosen).astype(np.int64)
         clusters = frame.with_edges([chosen[members] for members in by_label(number)], seen.on_ramps)
         rules = ObjectRules(frame, self._limits, tabletop)

@@ -58,9 +58,10 @@ class Surfaces:
         if plane is not None and self.relief is not None:
             camera = float(plane[:3] @ image.viewpoint + plane[3])
             kept = ~wrinkles(self.labels, self.count, self.relief, image.inverse_depth, camera)
-            table |= ~kept[self.labels]
-            number = np.where(kept, np.cumsum(kept) - 1, 0).astype(np.int32)
-            self.labels, self.count = number[self.labels], int(np.count_nonzero(kept)) - 1
+            if not kept.all():
+                number = np.where(kept, np.cumsum(kept) - 1, 0).astype(np.int32).take(self.labels)
+                table |= (self.labels > 0) & (number == 0)
+                self.labels, self.count = number, int(np.count_nonzero(kept)) - 1
         self.borders = borders(self.labels, self.count, (self.labels == 0) & ~table)
         self.measures = self.measure(self.labels, self.count)
         at_border, first_in_front, second_in_front = border_features(

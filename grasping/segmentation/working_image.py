@@ -7,6 +7,7 @@ same near and far. Half the pixels of a 640×480 frame tell as much as all of th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,11 @@ class WorkingImage:
     @property
     def shape(self) -> tuple[int, int]:
         return self.inverse_depth.shape[0], self.inverse_depth.shape[1]
+
+    @cached_property
+    def pixel_a_point(self) -> bool:
+        """Whether each input point is the pixel of its own number."""
+        return np.array_equal(self.cells, np.arange(self.inverse_depth.size, dtype=np.int32))
 
     def plane_inverse_depth(self, plane: FloatArray) -> Float32Array:
         """(h, w) of a plane (4,), 1/m; negative where the line of sight leads away from it."""

@@ -26,11 +26,11 @@ def wrinkles(
     labels: Labels, count: int, relief: Relief, inverse_depth: Float32Array, camera: float
 ) -> NDArray[np.bool_]:
     """(count + 1,) which of the patches (h, w), from 1 to count, are wrinkles of the table. camera: m above it."""
-    at = np.flatnonzero(labels)
-    own = labels.ravel()[at]
+    at = np.flatnonzero(labels > 0)
+    own = labels.ravel().take(at)
     # Along a line of sight the height over the table falls evenly with the distance from the camera.
-    above = np.minimum(relief.above.ravel()[at], MOST)
-    high = above * np.float32(camera) > np.float32(LOW) * inverse_depth.ravel()[at]
+    above = np.minimum(relief.above.ravel().take(at), MOST)
+    high = above * np.float32(camera) > np.float32(LOW) * inverse_depth.ravel().take(at)
     pixels = np.bincount(own, minlength=count + 1)
     low = np.bincount(own[high], minlength=count + 1) <= (1 - MOSTLY) * pixels
     low[0] = False
