@@ -30,6 +30,7 @@ IntArray = NDArray[np.int64]
 
 
 ON_TABLE = 3.0  # times the table's noise
+FITTED = 20_000  # points of the table that suffice for its plane
 
 
 class Segmenter:
@@ -161,12 +162,13 @@ class Segmenter:
         return _Seen(steady, on_ramps)
 
     def _table(self, frame: Frame, up: FloatArray | None) -> tuple[Plane | None, NDArray | None]:
-        """The table's plane, fitted to all of its points, and the heights (N,) above it."""
+        """The table's plane, fitted to `FITTED` of its points or all, and the heights (N,) above it."""
         plane = frame.find_table(up, np.random.default_rng(self.seed), self.plane_distance, self.plane_band)
         if isinstance(plane, str):
             return None, None
         height = frame.heights(plane.equation)
-        plane = fit_all(plane, frame.points.take(np.flatnonzero(np.abs(height) <= plane.band), axis=0))
+        level = np.flatnonzero(np.abs(height) <= plane.band)
+        plane = fit_all(plane, frame.points.take(level[:: max(1, len(level) // FITTED)], axis=0))
         return plane, frame.heights(plane.equation)
 
     def _by_surfaces(

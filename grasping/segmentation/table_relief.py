@@ -27,6 +27,7 @@ LEAST = 0.0012  # 1/m: of the noise; a perfect sensor's is not taken at its word
 FEWEST = 100  # pixels of the table that say how it bends
 WEAK = 2.0  # times the noise of the mean of 3×3 pixels, above which a pixel may be a thing's
 OWN = 1.75  # times a pixel's own noise, likewise
+APART = 3  # pixels between means that have no pixel in common
 MOST = 8.0  # times that noise over `WEAK` that a pixel counts for
 LEAST_MASS = 80.0  # of what pixels that hang together count for: few that stand out far, or many that do a little
 
@@ -53,8 +54,9 @@ def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Reli
     table = table + bend
     above = np.where(measured, q - table, np.float32(0))
     mean = mean_of_nine(np.clip(above, -0.02, 0.02), measured)
-    of_table = mean.ravel().take(np.flatnonzero(near & (np.abs(mean) < 4 * noise)))
-    level = max(1.4826 * float(np.median(np.abs(of_table))), LEAST / 3) if len(of_table) else noise
+    apart = np.abs(mean[::APART, ::APART])
+    of_table = apart[near[::APART, ::APART] & (apart < 4 * noise)]
+    level = max(1.4826 * float(np.median(of_table)), LEAST / 3) if len(of_table) else noise
     weak = measured & (mean > WEAK * level) & (above > OWN * noise) & (height > -NEAR)
     pieces, count = label_pieces(weak)
     at = np.flatnonzero(weak)
