@@ -82,7 +82,7 @@ def group_by_surfaces(
     above, table, noise = None, None, 0.0
     if surfaces.relief is not None:
         table, noise = surfaces.relief.table, surfaces.relief.noise
-        of_table = table.ravel() if image.pixel_a_point else table.ravel()[np.maximum(image.cells, 0)]
+        of_table = table.ravel() if image.pixel_a_point else table.ravel().take(image.cells, mode="clip")
         above = image.point_inverse_depth - of_table
     number = _of_points(image, groups.labels, table)
     number[~valid] = 0
@@ -94,19 +94,21 @@ def _of_points(image: WorkingImage, of_pixel: Labels, table: Float32Array | None
     """(N,) the number of each point: its pixel's, or, where it lies elsewhere than the most of that, a neighbour's."""
     if image.pixel_a_point:
         return of_pixel.reshape(-1).copy()
-    flat = np.where(image.cells >= 0, of_pixel.ravel()[np.maximum(image.cells, 0)], np.int32(0))
     h, w = of_pixel.shape
     inside = np.zeros((h, w), dtype=bool)
     for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         border = of_pixel[one] != of_pixel[other]
         inside[one] |= border
         inside[other] |= border
-    q = image.inverse_depth.ravel()
-    of_cell = np.maximum(image.cells, 0)
-    elsewhere = (flat > 0) & (np.abs(q[of_cell] - image.point_inverse_depth) > ALIKE)
-    points = np.flatnonzero((inside.ravel()[of_cell] | elsewhere) & (image.cells >= 0))
+    q, numbers = image.inverse_depth.ravel(), of_pixel.ravel()
+    flat = numbers.take(image.cells, mode="clip")
+    flat[image.cells < 0] = 0
+    # Only what is in a pixel of a group, or beside one, can be a group's.
+    points = np.flatnonzero((inside.ravel() | (numbers > 0)).take(image.cells, mode="clip") & (image.cells >= 0))
+    of_cell = image.cells[points]
+    elsewhere = np.abs(q[of_cell] - image.point_inverse_depth[points]) > ALIKE
+    points = points[inside.ravel()[of_cell] | (elsewhere & (numbers[of_cell] > 0))]
     cell, own = image.cells[points].astype(np.int64), image.point_inverse_depth[points]
-    numbers = of_pixel.ravel()
     best = flat[points]
     off = np.abs(q[cell] - own)
     off[q[cell] == 0] = np.inf

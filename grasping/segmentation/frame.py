@@ -56,14 +56,14 @@ class Frame:
         where = f"{depth_range[0]:g} to {far:g} m away"
         # NaN compares as false; infinity and values whose square overflows are beyond the range.
         with np.errstate(over="ignore", invalid="ignore"):
-            x, y, z = self._columns = np.ascontiguousarray(self.points.T)  # three passes over it are faster than over rows
+            x, y, z = self._columns = np.ascontiguousarray(self.points.T)  # what is asked of all points is faster there
             squared = x * x + y * y + z * z
             self.valid = (squared >= near * near) & (squared <= far * far)
         self._squared = squared
         self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
         own = np.zeros(len(self.points), dtype=bool)
         if self._robot is not None:
-            own[self._robot.within(self.points)] = True
+            own[self._robot.within(self._columns.T)] = True
             own &= ~self._holes
             self.valid &= ~own
         self._hidden = self._holes | own  # what stands there was not seen

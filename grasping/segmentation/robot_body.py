@@ -45,15 +45,25 @@ class RobotBody:
 
     def within(self, points: NDArray, beyond: float = 0.0) -> IntArray:
         """Which of the points (N, 3) are in reach of the body or so many metres beyond it: their numbers, rising."""
-        if not len(self._centre):
+        centre, reach = _meeting(points, self._centre, self._reach + beyond)
+        if not len(centre):
             return np.empty(0, dtype=np.int64)
-        reach = self._reach + beyond
-        index, near = _near(points, self._centre, reach)
+        index, near = _near(points, centre, reach)
         # Spheres of several radii become points of one: a fourth coordinate takes up what the smaller ones lack.
         largest = float(reach.max())
-        tree = cKDTree(np.column_stack([self._centre, np.sqrt(largest**2 - reach**2)]))
+        tree = cKDTree(np.column_stack([centre, np.sqrt(largest**2 - reach**2)]))
         distance, _ = tree.query(np.column_stack([near, np.zeros(len(near))]), distance_upper_bound=largest)
         return np.asarray(index[np.isfinite(distance)])
+
+
+def _meeting(points: NDArray, centre: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Those of the spheres (K, 3), (K,) that reach into the box around the points (N, 3): most of an arm is behind."""
+    if not len(points):
+        return centre[:0], reach[:0]
+    low = np.array([np.fmin.reduce(along) for along in points.T], dtype=np.float64)
+    high = np.array([np.fmax.reduce(along) for along in points.T], dtype=np.float64)
+    meets = ((centre + reach[:, None] >= low) & (centre - reach[:, None] <= high)).all(axis=1)
+    return centre[meets], reach[meets]
 
 
 def _near(points: NDArray, centre: FloatArray, reach: FloatArray) -> tuple[IntArray, NDArray]:
