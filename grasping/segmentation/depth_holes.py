@@ -47,9 +47,12 @@ def parts_over_holes(
     # What lies between two things lies in the window about all of them.
     rows, columns = np.flatnonzero((owner >= 0).any(axis=1)), np.flatnonzero((owner >= 0).any(axis=0))
     window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    place = np.arange(holes.size, dtype=np.int64).reshape(holes.shape)[window]
     inside, numbers = holes[window], owner[window]
-    lines = [_across(inside, numbers, place), _across(inside.T, numbers.T, place.T)]
+    corner, width = rows[0] * holes.shape[1] + columns[0], holes.shape[1]
+    lines = [
+        tuple(corner + row * width + column for row, column in _across(inside, numbers)),
+        tuple(corner + row * width + column for column, row in _across(inside.T, numbers.T)),
+    ]
     group = list(range(len(kept)))
     between = [np.sort(owner.reshape(-1)[[one, other]], axis=0) for one, other in lines]
     pairs = {(a, b) for own in between for a, b in own.T.tolist()}
@@ -77,16 +80,18 @@ def parts_over_holes(
     return [[i for i in range(len(kept)) if group[i] == number] for number in sorted(set(group))]
 
 
-def _across(holes: NDArray[np.bool_], owner: NDArray, place: IntArray) -> tuple[IntArray, IntArray]:
-    """Pixels on either side of each run of holes in a row, where both belong to things, to two of them."""
-    columns = np.arange(holes.shape[1])
-    last = np.maximum.accumulate(np.where(holes, -1, columns), axis=1)  # measured pixel at or before each
-    row, column = np.nonzero(holes[:, :-1] & ~holes[:, 1:])
-    before = last[row, column]
-    row, column, before = row[before >= 0], column[before >= 0] + 1, before[before >= 0]
-    one, other = owner[row, before], owner[row, column]
-    two = (one >= 0) & (other >= 0) & (one != other)
-    return place[row[two], before[two]], place[row[two], column[two]]
+def _across(holes: NDArray[np.bool_], owner: NDArray) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
+    """Rows and columns of the pixels on either side of each run of holes in a row that lies between two things."""
+    before = np.nonzero(np.ascontiguousarray(~holes[:, :-1] & holes[:, 1:]))
+    row, column = np.nonzero(np.ascontiguousarray(holes[:, :-1] & ~holes[:, 1:]))
+    # The run that ends here is the last that began, unless it began with the row.
+    began = np.searchsorted(before[0] * holes.shape[1] + before[1], row * holes.shape[1] + column) - 1
+    found = np.flatnonzero(began >= 0)
+    found = found[before[0][began[found]] == row[found]]
+    row, first, last = row[found], before[1][began[found]], column[found] + 1
+    one, other = owner[row, first], owner[row, last]
+    two = np.flatnonzero((one >= 0) & (other >= 0) & (one != other))
+    return (row[two], first[two]), (row[two], last[two])
 
 
 def _table_shown(places: FloatArray, table: NDArray, near: float) -> float:

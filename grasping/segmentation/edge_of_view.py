@@ -42,9 +42,12 @@ class _Side:
     def __init__(self, seen: NDArray[np.bool_]) -> None:
         self.first = seen.argmax(axis=1)
         self.first[~seen[np.arange(len(seen)), self.first]] = -1
+        self.last = int(self.first.max(initial=-1))
 
     def cuts(self, along: IntArray, at: IntArray) -> bool:
         """along, at: (M,) the object's rows and columns."""
+        if at.min() > self.last + 1:
+            return False
         begins = at <= self.first[along] + 1
         if np.count_nonzero(begins) < CONTACT:
             return False

@@ -74,17 +74,17 @@ class Surfaces:
         far = sorted(hidden | at_hole)
         self.far_first = np.array([i for i, _ in far], dtype=np.int64)
         self.far_second = np.array([j for _, j in far], dtype=np.int64)
-        nothing = np.zeros(len(self.borders.first), dtype=bool)
-        near = shape_features(self.borders.first, self.borders.second, nothing, nothing, self.measures, up)
-        self.near_features = np.concatenate([at_border, near], axis=1)
-        self.far_features = shape_features(
-            self.far_first,
-            self.far_second,
-            np.array([pair in hidden for pair in far], dtype=bool),
-            np.array([pair in at_hole for pair in far], dtype=bool),
+        nothing = [False] * len(self.borders.first)
+        of_both = shape_features(
+            np.concatenate([self.borders.first, self.far_first]),
+            np.concatenate([self.borders.second, self.far_second]),
+            np.array(nothing + [pair in hidden for pair in far], dtype=bool),
+            np.array(nothing + [pair in at_hole for pair in far], dtype=bool),
             self.measures,
             up,
         )
+        self.near_features = np.concatenate([at_border, of_both[: len(nothing)]], axis=1)
+        self.far_features = of_both[len(nothing) :]
 
     def measure(self, labels: Labels, count: int) -> PatchMeasures:
         """Measure the pixels of each label (h, w), from 1 to count."""
