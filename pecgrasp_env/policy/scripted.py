@@ -38,6 +38,7 @@ _EMPTY_OPENING_M = 0.002  # the thinnest thing that counts as held
 _LEAST_FORCE_N = 2.0  # between the pads; the grip's own limit is never below 10 N
 _LOST_SHARE = 0.5  # of the opening with which it was first held
 _MOST_CLEARED = 8
+_MOST_SURVEYS = 2  # in which nothing was found: a third one shows the same
 _TOO_WIDE_M = 0.020  # beyond the planned width: there is something else between the pads
 
 
@@ -172,7 +173,8 @@ class ScriptedPolicy:
             pick = pick_planner.decide(objects, views[-1], observation.q)
             if pick.approach is None or pick.chosen is None:
                 self.log.failures.append(str(pick.reason))
-                if pick.reason == NOT_FOUND and pick_planner.is_absent(objects):
+                surveys = self.log.failures.count(NOT_FOUND)
+                if pick.reason == NOT_FOUND and (pick_planner.is_absent(objects) or surveys == _MOST_SURVEYS):
                     break
                 objects = [] if pick.chosen is None else objects
                 continue
