@@ -73,12 +73,12 @@ class Grouping:
         one, other = self.group[self.first], self.group[self.second]
         apart = one != other
         low, high = np.minimum(one, other)[apart], np.maximum(one, other)[apart]
-        pairs, inverse = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True)
-        inverse = inverse.reshape(-1)
+        count = int(self.group.max(initial=0)) + 1
+        pairs, inverse = np.unique(low * count + high, return_inverse=True)
         total = np.bincount(inverse, (self.odds * self.length)[apart], minlength=len(pairs))
         weight = np.bincount(inverse, self.length[apart], minlength=len(pairs))
         sure = 1.0 - probability(total / np.maximum(weight, 1e-9))
-        return {(int(i), int(j)): float(value) for (i, j), value in zip(pairs, sure, strict=True)}
+        return {divmod(pair, count): value for pair, value in zip(pairs.tolist(), sure.tolist(), strict=True)}
 
 
 def probability(odds: FloatArray) -> FloatArray:

@@ -46,9 +46,11 @@ class Surfaces:
             stands_out = measured
             height = np.full(image.shape, np.nan, dtype=np.float32)
         else:
-            n, d = plane[:3].astype(np.float32), np.float32(plane[3] + plane[:3] @ image.viewpoint)
-            height = self.positions[..., 0] * n[0] + self.positions[..., 1] * n[1] + self.positions[..., 2] * n[2] + d
-            self.relief = relief(image, plane, height)
+            level = image.plane_inverse_depth(plane)
+            # Along a line of sight the height falls from the camera's evenly with the depth.
+            share = np.divide(level, image.inverse_depth, out=np.zeros(image.shape, dtype=np.float32), where=measured)
+            height = np.float32(plane[3] + plane[:3] @ image.viewpoint) * (np.float32(1) - share)
+            self.relief = relief(image, level, height)
             stands_out = self.relief.stands_out & (height <= max_height)
         asked = np.flatnonzero(stands_out)
         self.fits = fits = fit_surfaces(image, asked)

@@ -44,14 +44,15 @@ class Relief:
     stands_out: NDArray[np.bool_]
 
 
-def relief(image: WorkingImage, plane: FloatArray, height: Float32Array) -> Relief:
-    """Tell what stands on a table from the table. height: (h, w) of the pixels above the plane (4,), m."""
+def relief(image: WorkingImage, plane: Float32Array, height: Float32Array) -> Relief:
+    """Tell what stands on a table from the table. plane: (h, w) of the table's, 1/m, and height: (h, w) of the pixels
+    above it, m.
+    """
     q = image.inverse_depth
     measured = q > 0
-    table = image.plane_inverse_depth(plane)
     near = measured & (np.abs(height) < NEAR)
-    bend, noise = _bend(q - table, near)
-    table = table + bend
+    bend, noise = _bend(q - plane, near)
+    table = plane + bend
     above = np.where(measured, q - table, np.float32(0))
     mean = mean_of_nine(np.clip(above, -0.02, 0.02), measured)
     apart = np.abs(mean[::APART, ::APART])
@@ -75,11 +76,14 @@ def _bend(above: Float32Array, near: NDArray[np.bool_]) -> tuple[Float32Array, f
     terms = every_term.take(at, axis=0)
     seen = above[::EVERY, ::EVERY].ravel()[at].astype(np.float64)
     factors, limit = np.zeros(len(POWERS)), NEAR
-    left = seen
+    left, last = seen, at[:0]
     for _ in range(6):
         inside = np.flatnonzero(np.abs(left) < limit)
         if len(inside) < FEWEST:
             break
+        if np.array_equal(inside, last):
+            continue  # the same pixels, the same surface
+        last = inside
         used = terms.take(inside, axis=0)
         # A little of a ridge: where no table is seen nothing is claimed.
         normal = used.T @ used + 1e-4 * len(used) * np.eye(len(POWERS))

@@ -24,7 +24,7 @@ def seen(boxes: list[tuple], bend: float, seed: int = 0) -> tuple[Relief, np.nda
     assert image is not None
     positions = image.positions()
     height = (positions @ plane[:3] + plane[3]).astype(np.float32)
-    return relief(image, plane, height), np.asarray(labels).reshape(image.shape)
+    return relief(image, image.plane_inverse_depth(plane), height), np.asarray(labels).reshape(image.shape)
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.01])
