@@ -71,32 +71,37 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
 
 
 def segmentation(settings: Mapping[str, Any]) -> list[Row]:
-    """A frame of the task's wrist camera, five objects on the table, beside a k-d tree of the frame's points."""
+    """A frame of the task's wrist camera, five objects on the table, beside a k-d tree of the frame's points.
+
+    In the camera's frame, as the policy asks, things are told apart by their surfaces; in the robot's, in which nobody
+    said where the camera stood, by the places that they stand on.
+    """
     from pecgrasp_env.policy.observation import read_observation
-    from pecgrasp_env.robot.collision_spheres import robot_spheres
     from pecgrasp_env.sensor import deproject
 
-    limits = settings.get("segment_at_most", {})
     rows = []
     for resolution in settings["resolutions"]:
         env = _task(n_objects=5, resolution=resolution, obs_mode="depth")
         obs, _ = env.reset(seed=settings["seed"])
         observation = read_observation(obs)
         env.close()
-        cloud = deproject(*observation.frame)
-        robot = robot_spheres(observation.q, observation.opening, np.eye(4))
-        T = observation.T_base_camera
-        cloud = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
-        valid = cloud[np.isfinite(cloud).all(axis=2)]
-        segmenters: dict[str, Any] = {"default": Segmenter(), "published": Segmenter.published()}
-        routines: dict[str, Callable[[], Any]] = {_TREE: partial(cKDTree, valid)}
-        for name, segmenter in segmenters.items():
-            routines[name] = partial(segmenter.segment, cloud, up=_UP, robot=robot)
-        times = side_by_side(routines, settings["repeats"])
-        for row in rows_of(times, _TREE, f"{resolution}, {len(valid):,} points, 5 objects"):
-            if row["name"] in segmenters:
-                row["objects_found"] = len(segmenters[row["name"]].segment(cloud, up=_UP, robot=robot).objects)
-            rows.append(limited(row, limits.get(resolution) if row["name"] == "default" else None))
+        cloud, robot, T = deproject(*observation.frame), observation.robot, observation.T_base_camera
+        of_robot = np.column_stack([robot[:, :3] @ T[:3, :3].T + T[:3, 3], robot[:, 3]])
+        of_base = (cloud @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        for frame, limits, points, up, body in (
+            ("camera's frame", settings.get("segment_at_most", {}), cloud, T[:3, :3].T @ _UP, robot),
+            ("robot's frame", settings.get("segment_in_base_at_most", {}), of_base, _UP, of_robot),
+        ):
+            valid = points[np.isfinite(points).all(axis=2)]
+            segmenters: dict[str, Any] = {"default": Segmenter(), "published": Segmenter.published()}
+            routines: dict[str, Callable[[], Any]] = {_TREE: partial(cKDTree, valid)}
+            for name, segmenter in segmenters.items():
+                routines[name] = partial(segmenter.segment, points, up=up, robot=body)
+            times = side_by_side(routines, settings["repeats"])
+            for row in rows_of(times, _TREE, f"{resolution}, {frame}, {len(valid):,} points"):
+                if row["name"] in segmenters:
+                    row["objects_found"] = len(segmenters[row["name"]].segment(points, up=up, robot=body).objects)
+                rows.append(limited(row, limits.get(resolution) if row["name"] == "default" else None))
     return rows
 
 

@@ -99,10 +99,14 @@ def test_what_is_not_held_is_listed_with_the_processor() -> None:
 def test_segmentation_is_timed_on_the_wrist_camera_s_frame_beside_its_target() -> None:
     settings = {**SMALL, "parts": ["segmentation"], "resolutions": ["424x240"], "segment_at_most": {"424x240": 1e9}}
     lines: list[str] = []
-    tree, default, published = run_benchmark(settings, lines.append)["segmentation"]
-    assert [row["name"] for row in (tree, default, published)] == ["k-d tree of the frame", "default", "published"]
-    assert default["objects_found"] == 5
+    rows = run_benchmark(settings, lines.append)["segmentation"]
+    assert [row["name"] for row in rows] == ["k-d tree of the frame", "default", "published"] * 2
+    (_, default, published), (_, of_base, _) = rows[:3], rows[3:]
+    assert "camera's frame" in default["what"]
+    assert "robot's frame" in of_base["what"]
+    assert default["objects_found"] == of_base["objects_found"] == 5
     assert default["held"]
+    assert "held" not in of_base
     assert any("at most 1e+09 x: held" in line for line in lines)
     assert "at_most" not in published
 
