@@ -7,7 +7,8 @@ patch's object is that of most of its pixels; a pair's example weighs as much as
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,13 @@ from grasping.segmentation.boosted_trees import BoostedTrees, Relations
 from grasping.segmentation.by_surfaces import group_patches
 from grasping.segmentation.segmenter import Segmenter
 from grasping.segmentation.surfaces import Surfaces
+from pecgrasp_env.experiments.kept_examples import Examples, KeptExamples
 
 FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
+NumberedFrame = tuple[int, NDArray, NDArray]
+"""A frame's number among all, which draws what is done to it; its cloud (H, W, 3), m; labels (H, W): 0 background, 1
+the table, from 2 up the objects."""
 
 TREES, LEAVES = 200, 24
 TREES_OF_HALF = 100  # suffice to make groups with the faults that such trees make
@@ -34,27 +38,6 @@ MOST_BARS, LEAST_HIDDEN = 3, 400  # of them, and pixels of an object that one is
 LENGTHWISE = 0.7  # of the bars stand across the object's long side
 WHOLE = 0.75  # of the union of a group and its object, that both have
 LEAST_PURITY = 0.6  # of a patch's pixels that are of one object; of a mixed patch nothing is right
-
-
-@dataclass
-class Examples:
-    """Rows of features, whether what is asked is so, and each row's weight."""
-
-    features: list[Float32Array] = field(default_factory=list)
-    so: list[NDArray[np.bool_]] = field(default_factory=list)
-    weight: list[FloatArray] = field(default_factory=list)
-
-    def add(self, features: Float32Array, so: NDArray[np.bool_], weight: FloatArray) -> None:
-        used = weight > 0
-        self.features.append(features[used])
-        self.so.append(so[used])
-        self.weight.append(weight[used])
-
-    def __add__(self, other: Examples) -> Examples:
-        return Examples(self.features + other.features, self.so + other.so, self.weight + other.weight)
-
-    def arrays(self) -> tuple[Float32Array, NDArray[np.bool_], FloatArray]:
-        return np.concatenate(self.features), np.concatenate(self.so), np.concatenate(self.weight)
 
 
 @dataclass(frozen=True)
@@ -70,15 +53,15 @@ class CutFrame:
 
 
 def cut_frames(
-    frames: Iterable[tuple[NDArray, NDArray]], without_table: float, with_bars: float, seed: int
+    frames: Iterable[NumberedFrame], without_table: float, with_bars: float, seed: int
 ) -> Iterator[tuple[int, CutFrame]]:
-    """Number and patches of frames: clouds (H, W, 3), m, with labels (H, W).
+    """Number and patches of frames; those of a frame do not depend on the others.
 
     without_table, with_bars: shares of frames that are cut once more, as if no table had been found in them, and with
     bars before some of the objects.
     """
-    rng = np.random.default_rng(seed)
-    for number, (cloud, labels) in enumerate(frames):
+    for number, cloud, labels in frames:
+        rng = np.random.default_rng((seed, number))
         ways = [(cloud, labels, True)]
         if rng.uniform() < without_table:
             ways.append((cloud, labels, False))
@@ -233,21 +216,55 @@ def as_arrays(trees: Sequence[NDArray[Any]], baseline: float) -> BoostedTrees:
     )
 
 
-def train(frames: Callable[[], Iterable[tuple[NDArray, NDArray]]], about: dict[str, Any], seed: int) -> Relations:
+def share_name(what: str, share: int) -> str:
+    """What the examples of a share of the frames are kept by. what: "pairs" or "groups"."""
+    return f"{what}_{share:05d}"
+
+
+def train(
+    shares: Sequence[Callable[[], Iterable[NumberedFrame]]], kept: KeptExamples, about: dict[str, Any], seed: int
+) -> Relations:
     """Trees for pairs of all frames, and for groups that the trees of one half of the frames make of the other.
 
-    frames: called twice, for the same clouds (H, W, 3), m, with labels (H, W): 0 background, 1 table, from 2 up
-    objects.
+    shares: of the frames, each called at most twice, and not at all where `kept` has what it gives.
     """
-    near = (Examples(), Examples())
-    far = (Examples(), Examples())
-    for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
-        add_pairs(cut, near[number % 2], far[number % 2])
-    nothing = as_arrays([], 0.0)
-    pairs = [[fit_trees(found[i], seed, TREES_OF_HALF) for found in (near, far)] for i in (0, 1)]
-    halves = [Relations(of_near, of_far, nothing, nothing, {}) for of_near, of_far in pairs]
+    near, far = (Examples(), Examples()), (Examples(), Examples())
+    for i, frames in enumerate(shares):
+        found = kept.examples(share_name("pairs", i), partial(_pairs, frames, seed))
+        near = (near[0] + found["near_0"], near[1] + found["near_1"])
+        far = (far[0] + found["far_0"], far[1] + found["far_1"])
+    halves = [kept.trees(f"half_{i}", partial(_half, near[i], far[i], seed)) for i in (0, 1)]
     thing, whole = Examples(), Examples()
+    for i, frames in enumerate(shares):
+        found = kept.examples(share_name("groups", i), partial(_groups, frames, halves, seed))
+        thing, whole = thing + found["thing"], whole + found["whole"]
+
+    def all_trees() -> Relations:
+        pairs = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
+        return Relations(*pairs, fit_trees(thing, seed), fit_trees(whole, seed), about)
+
+    return kept.trees("all", all_trees)
+
+
+def _pairs(frames: Callable[[], Iterable[NumberedFrame]], seed: int) -> dict[str, Examples]:
+    """Those of frames of even and of odd numbers."""
+    found = {f"{kind}_{half}": Examples() for kind in ("near", "far") for half in (0, 1)}
     for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
-        add_groups(cut, halves[1 - number % 2], thing, whole)
-    of_near, of_far = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
-    return Relations(of_near, of_far, fit_trees(thing, seed), fit_trees(whole, seed), about)
+        add_pairs(cut, found[f"near_{number % 2}"], found[f"far_{number % 2}"])
+    return found
+
+
+def _groups(
+    frames: Callable[[], Iterable[NumberedFrame]], halves: Sequence[Relations], seed: int
+) -> dict[str, Examples]:
+    """Groups of each frame, by the trees of the half that it is not of."""
+    found = {"thing": Examples(), "whole": Examples()}
+    for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
+        add_groups(cut, halves[1 - number % 2], found["thing"], found["whole"])
+    return found
+
+
+def _half(near: Examples, far: Examples, seed: int) -> Relations:
+    """Trees for the pairs of one half of the frames, none for groups."""
+    nothing = as_arrays([], 0.0)
+    return Relations(fit_trees(near, seed, TREES_OF_HALF), fit_trees(far, seed, TREES_OF_HALF), nothing, nothing, {})

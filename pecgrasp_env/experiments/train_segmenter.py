@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping import Segmenter
-from grasping.segmentation.boosted_trees import Relations, write_relations
+from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.trained import NAMES
 from pec.common.atomic_files import write_whole
-from pec.data.shards import read_manifest
-from pecgrasp_env.capture.scenes.frames import BIN_LABEL, LabelledFrame, frames_of
+from pec.data.shards import Manifest, read_manifest
+from pec.experiments.code_version import code_version
+from pecgrasp_env.capture.scenes.frames import BIN_LABEL, LabelledFrame, frames_of, read_frames
+from pecgrasp_env.experiments.kept_examples import Examples, KeptExamples, check_same, write_trees
 from pecgrasp_env.experiments.segmenter_page import picture, render
 from pecgrasp_env.experiments.segmenter_scores import FOUND, Tally, score
-from pecgrasp_env.experiments.segmenter_training import Examples, add_groups, add_pairs, cut_frames, train
+from pecgrasp_env.experiments.segmenter_training import (
+    NumberedFrame,
+    add_groups,
+    add_pairs,
+    cut_frames,
+    share_name,
+    train,
+)
 
 WORST, SHOWN = 8, 15  # scenes in pictures, and features of each kind of trees
 FILE = "relations.npz"
+
+# From here on, imports lead to all that decides what a frame gives, and the trees.
+_CODE = (("pecgrasp_env.experiments.segmenter_training",), ("numpy", "scipy"))
 
 
 def cloud_of(frame: LabelledFrame) -> NDArray[np.float32]:
@@ -53,45 +67,72 @@ def train_segmenter(
     """Train on the frames of folders, write `relations.npz`, `report.html` and `results.json` into output, and return
     what the last says.
 
-    val: a folder whose frames are all measured on; None: the scenes of the folders that are kept apart. Raises
-    DatasetError where a folder has no frames.
+    What each shard of frames gives is kept in output/examples until the end: the same call goes on where it was
+    interrupted, and a finished run is not repeated. Frames kept apart are measured all over.
+
+    Args:
+        folders: of labelled frames.
+        val: a folder whose frames are all measured on; None: the scenes of the folders that are kept apart.
+        progress: called with (done, total) frames, each counted every time that it is read.
+
+    Raises:
+        DatasetError: a folder has no frames, or a damaged shard.
+        ConfigError: output holds a run on other data or of other settings, or one that other code has begun.
+        ImportError: scikit-learn is not installed.
     """
-    output.mkdir(parents=True, exist_ok=True)
     manifests = [read_manifest(folder) for folder in folders]
-    hashes = [record.sha256 for manifest in manifests for record in manifest.shards]
-    count = sum(record.n_samples for manifest in manifests for record in manifest.shards)
-    about: dict[str, Any] = {
-        "frames": count,
-        "data": hashlib.sha256("".join(hashes).encode()).hexdigest(),
-        "made_by": [manifest.config for manifest in manifests],
-        "seed": seed,
-    }
-    done = 0
+    measured = None if val is None else read_manifest(val)
+    run = {"data": _data(manifests), "val": None if measured is None else _data([measured]), "seed": seed}
+    results, examples = output / "results.json", output / "examples"
+    if results.is_file():
+        about: dict[str, Any] = json.loads(results.read_text())
+        check_same(output, about, run)
+        shutil.rmtree(examples, ignore_errors=True)  # where it was stopped just before
+        return about
+    kept = KeptExamples.of_run(examples, run | {"code": code_version(*_CODE)})
+    paths = [folder / r.file for folder, manifest in zip(folders, manifests, strict=True) for r in manifest.shards]
+    sizes = [record.n_samples for manifest in manifests for record in manifest.shards]
+    count = sum(sizes)
+    about = {"frames": count, "made_by": [manifest.config for manifest in manifests]} | run
+    total = 2 * count + (count if measured is None else sum(record.n_samples for record in measured.shards))
+    done = sum(size for i, size in enumerate(sizes) for what in ("pairs", "groups") if share_name(what, i) in kept)
 
-    def training() -> Iterator[tuple[NDArray, NDArray]]:
+    def read() -> None:
         nonlocal done
-        for folder in folders:
-            for frame in frames_of(folder, val=False):
-                yield cloud_of(frame), labels_of(frame)
-                done += 1
-                progress(done, 2 * count)
+        done += 1
+        progress(done, total)
 
-    relations = train(training, about, seed)
-    write_relations(output / FILE, relations, NAMES)
+    def training(path: Path, first: int) -> Iterator[NumberedFrame]:
+        for number, frame in enumerate(read_frames(path), first):
+            if not frame.val:
+                yield number, cloud_of(frame), labels_of(frame)
+            read()
+
+    firsts = np.cumsum([0, *sizes[:-1]]).tolist()
+    shares = [partial(training, path, first) for path, first in zip(paths, firsts, strict=True)]
+    relations = train(shares, kept, about, seed)
+    write_trees(output / FILE, relations)
     apart = [(val, None)] if val is not None else [(folder, True) for folder in folders]
-    results, page = evaluate(apart, output / FILE, relations)
-    about |= results
-    write_relations(output / FILE, replace(relations, about=about), NAMES)
-    write_whole(output / "report.html", page.encode())
-    write_whole(output / "results.json", json.dumps(about, indent=2).encode())
-    progress(2 * count, 2 * count)
+    numbers, page = evaluate(apart, output / FILE, relations, read)
+    about |= numbers
+    write_trees(output / FILE, replace(relations, about=about))
+    write_whole(output / "report.html", page)
+    write_whole(results, json.dumps(about, indent=2))
+    shutil.rmtree(examples)
     return about
 
 
-def evaluate(apart: Sequence[tuple[Path, bool | None]], file: Path, relations: Relations) -> tuple[dict[str, Any], str]:
+def _data(manifests: Sequence[Manifest]) -> str:
+    """The version of data sets: a hash of their shards'."""
+    return hashlib.sha256("".join(record.sha256 for m in manifests for record in m.shards).encode()).hexdigest()
+
+
+def evaluate(
+    apart: Sequence[tuple[Path, bool | None]], file: Path, relations: Relations, read: Callable[[], None]
+) -> tuple[dict[str, Any], str]:
     """What the trees of a file find in frames that are kept apart: numbers, and the page.
 
-    apart: folders, and of which scenes: those kept apart (True) or all (None).
+    apart: folders, and of which scenes: those kept apart (True) or all (None). read: called for each frame of them.
     """
     segmenter = Segmenter(relations=file)
     tallies: dict[str, dict[str, Tally]] = {
@@ -100,7 +141,7 @@ def evaluate(apart: Sequence[tuple[Path, bool | None]], file: Path, relations: R
         "camera": defaultdict(Tally),
     }
     shown: list[tuple[float, str, str]] = []
-    for frame, kind, camera in _frames_apart(apart):
+    for frame, kind, camera in _frames_apart(apart, read):
         labels = labels_of(frame)
         scene = segmenter.segment(cloud_of(frame))
         found = score(scene, labels, frame.depth > 0, frame.visible)
@@ -126,18 +167,22 @@ def evaluate(apart: Sequence[tuple[Path, bool | None]], file: Path, relations: R
     return numbers, render(tallies, pairs, importance, [(caption, image) for _, caption, image in shown], about)
 
 
-def _frames_apart(apart: Sequence[tuple[Path, bool | None]]) -> Iterator[tuple[LabelledFrame, str, str]]:
-    """The frames, and the names of each one's kind and camera."""
+def _frames_apart(
+    apart: Sequence[tuple[Path, bool | None]], read: Callable[[], None] = lambda: None
+) -> Iterator[tuple[LabelledFrame, str, str]]:
+    """The frames, and the names of each one's kind and camera. read: called for each frame, also of other scenes."""
     for folder, which in apart:
         config = read_manifest(folder).config
         kinds, cameras = list(config["kinds"]), list(config["cameras"])
-        for frame in frames_of(folder, val=which):
-            yield frame, kinds[frame.kind], cameras[frame.camera]
+        for frame in frames_of(folder):
+            if which is None or frame.val == which:
+                yield frame, kinds[frame.kind], cameras[frame.camera]
+            read()
 
 
 def _examples_apart(apart: Sequence[tuple[Path, bool | None]], relations: Relations) -> dict[str, Examples]:
     kinds = {name: Examples() for name in NAMES}
-    frames = ((cloud_of(frame), labels_of(frame)) for frame, _, _ in _frames_apart(apart))
+    frames = ((number, cloud_of(frame), labels_of(frame)) for number, (frame, _, _) in enumerate(_frames_apart(apart)))
     for _, cut in cut_frames(frames, 0.0, 0.0, 0):
         add_pairs(cut, kinds["near"], kinds["far"])
         add_groups(cut, relations, kinds["thing"], kinds["whole"])
