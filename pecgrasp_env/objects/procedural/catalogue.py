@@ -49,15 +49,20 @@ LARS_CLASSES = CLASSES[:5]
 FAMILIES = ("narrow", "wide")
 
 
-@lru_cache(maxsize=1024)
 def make_object(class_name: str, seed: int, families: str = "narrow") -> ObjectModel:
     """The instance of `class_name` that `seed` (>= 0) draws: the same shape in every process.
 
     families: "narrow", as the published sets have it, or "wide", in the sizes and proportions of many products
     (`proportions`); a class of one's own is the same in both.
 
-    Raises ObjectError for a class that the catalogue does not have.
+    Drawn once in a process. Raises ObjectError for a class that the catalogue does not have.
     """
+    return _drawn(class_name, seed, families)
+
+
+@lru_cache(maxsize=1024)
+def _drawn(class_name: str, seed: int, families: str) -> ObjectModel:
+    """`make_object`: arguments that are left out and said are the same here, so that nothing is drawn or kept twice."""
     generator = _generator(class_name)
     if seed < 0:
         raise ObjectError(f"seed of a {class_name} must not be negative, got {seed}")
