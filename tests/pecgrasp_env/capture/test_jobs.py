@@ -167,10 +167,12 @@ def test_a_launcher_shares_the_work_and_the_plain_command_merges(tmp_path, launc
     assert not (shared / "manifest.json").exists()
     run(shared)
     assert json.loads((shared / "results.json").read_text())["new_clouds"] == 0
-    assert len(load_dataset(shared)) == 24
+    merged_set = load_dataset(shared)
+    assert merged_set.classes == ["can", "plug_adapter", "unknown"]
+    assert np.bincount(merged_set.labels).tolist() == [12, 12, 12]  # strangers are a third of all
     alone = contents(run(tmp_path / "alone"))
     data = [name for name in alone if name.startswith(("manifest", "splits", "card", "shards"))]
-    assert len(data) == 3 + 8
+    assert len(data) == 3 + 8 + 6  # and six shards of strangers
     merged = contents(shared)
     assert {name: merged[name] for name in data} == {name: alone[name] for name in data}
 
