@@ -21,6 +21,7 @@ from pecgrasp_env.robot.kinematics import UP
 NOT_FOUND = "not found"
 
 _SURE = 0.9  # probability from which one look is enough
+_LIKELY_KNOWN = 0.5  # from which an object is of a class where the classifier has no threshold of its own
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _POSSIBLE = 0.1  # of an object, from which on it may be the asked-for one
 _CERTAIN = 0.7  # that an object is one, below which it is looked at again
@@ -85,12 +86,16 @@ class PickPlanner:
         return index
 
     def choose(self, objects: list[SeenObject]) -> int | None:
-        """The likeliest object, if it is likely enough, and known enough for the classifier to be of a class at all."""
+        """The likeliest object, if it is known enough for the classifier to be of a class at all, and among its classes
+        likely enough the asked-for one: each has a threshold of its own, as in `grasping.SelectiveGrasper`.
+        """
         index = self.likeliest(objects)
-        if index is None or self._log.confidence < self._min_confidence:
+        if index is None:
             return None
         known = objects[index].known
-        return index if known == 1 or known >= getattr(self._classifier, "unknown_below", 0.0) else None
+        if known < 1 and known < getattr(self._classifier, "unknown_below", _LIKELY_KNOWN):
+            return None
+        return index if self._log.confidence >= self._min_confidence * known else None
 
     def is_sure(self, objects: list[SeenObject]) -> bool:
         """Whether one look is enough: the object is likely, whole, and no other could be it."""

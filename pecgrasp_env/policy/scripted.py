@@ -51,7 +51,8 @@ class ScriptedPolicy:
         planner: what finds grasps on a cloud in the base frame; the default is `CurvaturePlanner` for the 2F-140.
         segmenter: what finds objects in a cloud.
         control_dt: seconds between two calls of `act`.
-        min_confidence: probability of the asked-for class below which an object is not touched.
+        min_confidence: probability of the asked-for class, among those of the classifier, below which an object is not
+            touched; nor is one that the classifier's threshold calls unknown.
         attempts: how many times to try before giving up.
         clear: take away what lies on the asked-for object and put it down on the free table, first.
         answers: actions are (9,), for a task with ``absent``: the last number is 1 once it says that nothing of the

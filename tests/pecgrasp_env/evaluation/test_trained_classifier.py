@@ -14,8 +14,8 @@ from pecgrasp_env.evaluation.run import Protocol, run_episodes
 CLASSES = ("can", "stapler", "plug_adapter")
 CLOUDS = CaptureConfig(
     scenario="tabletop",
-    objects=ObjectsConfig(classes=CLASSES, instances_per_class=5),
-    samples_per_instance=36,
+    objects=ObjectsConfig(classes=CLASSES, instances_per_class=10, strangers=24, strangers_samples=6),
+    samples_per_instance=18,
     tabletop=TabletopConfig(drops=8),
 )
 TRAINING = {
