@@ -16,9 +16,9 @@ from grasping.segmentation.segmenter import Segmenter
 
 FloatArray = NDArray[np.float64]
 
-_SURE = 0.9  # probability of the class from which one look is enough
-_POSSIBLE = 0.1  # from which an object may be of the class
-_CERTAIN = 0.7  # that an object is one, below which it is to be looked at again
+SURE = 0.9  # probability of the class from which one look is enough
+POSSIBLE = 0.1  # from which an object may be of the class
+CERTAIN = 0.7  # that an object is one, below which it is to be looked at again
 
 
 class Answer(Protocol):
@@ -149,17 +149,17 @@ def _may_be_there(
     """Why the class may be there although no object is called so, or None."""
     for answer in answers:
         share = 0.0 if isinstance(answer, tuple) else float(answer.known) * float(answer.probabilities.get(target, 0.0))
-        if share >= _POSSIBLE:
+        if share >= POSSIBLE:
             return f"one of the objects may be a {target} ({share:.2f})"
-    if min(certainties) < _CERTAIN:
+    if min(certainties) < CERTAIN:
         return f"whether one of the objects is one is unsure ({min(certainties):.2f})"
     return None
 
 
 def _unsure(target: str, confidence: float, known: float, certainty: float) -> str | None:
     """Why the chosen object should be looked at again, or None."""
-    if confidence * known < _SURE:
+    if confidence * known < SURE:
         return f"whether it is a {target} is unsure ({confidence * known:.2f})"
-    if certainty < _CERTAIN:
+    if certainty < CERTAIN:
         return f"whether the {target} is one object is unsure ({certainty:.2f})"
     return None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from grasping import GraspPlan, Segmenter
+from grasping.selective import CERTAIN, POSSIBLE, SURE
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.crowd import floor_below, lying_on, stands_over, uppermost_on, without_rim
@@ -20,11 +21,8 @@ from pecgrasp_env.robot.kinematics import UP
 
 NOT_FOUND = "not found"
 
-_SURE = 0.9  # probability from which one look is enough
 _LIKELY_KNOWN = 0.5  # from which an object is of a class where the classifier has no threshold of its own
 _DOUBT = 0.3  # of a second object, from which one look is not enough
-_POSSIBLE = 0.1  # of an object, from which on it may be the asked-for one
-_CERTAIN = 0.7  # that an object is one, below which it is looked at again
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
 _HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
@@ -104,12 +102,12 @@ class PickPlanner:
         if self._classifier is None:
             return True
         probabilities = [seen.probabilities().get(self._target, 0.0) for seen in objects if seen.evidence]
-        likely = self._log.confidence >= max(_SURE, self._min_confidence)
+        likely = self._log.confidence >= max(SURE, self._min_confidence)
         return likely and sum(p > _DOUBT for p in probabilities) == 1
 
     def is_found(self, objects: list[SeenObject]) -> bool:
         """Whether more than one look is enough: the object is likely and whole, whatever others may be."""
-        likely = self.choose(objects) is not None and self._log.confidence >= _SURE
+        likely = self.choose(objects) is not None and self._log.confidence >= SURE
         return likely and self.doubt(objects) is None
 
     def is_absent(self, objects: list[SeenObject]) -> bool:
@@ -120,7 +118,7 @@ class PickPlanner:
             return False
         told = [seen for seen in objects if seen.evidence]
         surely_others = all(
-            seen.probabilities().get(self._target, 0.0) < _POSSIBLE and seen.certainty >= _CERTAIN for seen in told
+            seen.probabilities().get(self._target, 0.0) < POSSIBLE and seen.certainty >= CERTAIN for seen in told
         )
         return surely_others and not any(lying_on(told, k) for k in range(len(told)))
 
@@ -130,7 +128,7 @@ class PickPlanner:
             return None
         if (doubt := self.doubt(objects)) is not None:
             return doubt
-        if self._log.confidence < max(_SURE, self._min_confidence):
+        if self._log.confidence < max(SURE, self._min_confidence):
             return f"whether one of them is a {self._target} is unsure ({self._log.confidence:.2f})"
         return f"more than one may be the {self._target}"
 
@@ -140,7 +138,7 @@ class PickPlanner:
         if index is None:
             return None
         certainty = objects[index].certainty
-        if certainty < _CERTAIN:
+        if certainty < CERTAIN:
             return f"whether the {self._target} is one object is unsure ({certainty:.2f})"
         hidden = sum(lying_on(objects, index).values())
         if hidden > _HIDDEN and not self._clear:

@@ -1,13 +1,14 @@
 """What is not there, and what is of no class: the policy says so after it has looked, and touches nothing."""
 
-from dataclasses import dataclass
-
 import gymnasium as gym
 import numpy as np
 import pytest
 import trimesh
 
+import pec.classifier
+import pecgrasp_env.objects.strangers
 from grasping import Segmenter
+from pec.classifier import Prediction
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.evaluation.run import run_episode
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
@@ -35,16 +36,6 @@ def env(tmp_path_factory):
     )
     yield environment
     environment.close()
-
-
-@dataclass
-class Prediction:
-    """What a classifier that knows its strangers answers."""
-
-    label: str
-    confidence: float
-    probabilities: dict[str, float]
-    known: float
 
 
 class Knows:
@@ -170,3 +161,7 @@ def test_what_lies_on_another_may_hide_what_is_asked_for():
     assert not planner(object()).is_absent(upon)
     assert not planner(object()).is_absent(maybe)
     assert not planner(None).is_absent(apart)
+
+
+def test_a_stranger_goes_by_one_name_everywhere():
+    assert pec.classifier.UNKNOWN == pecgrasp_env.objects.strangers.UNKNOWN == UNKNOWN

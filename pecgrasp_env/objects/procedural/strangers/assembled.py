@@ -22,20 +22,8 @@ from pecgrasp_env.objects.meshing.shapes import (
     tube,
 )
 from pecgrasp_env.objects.model import Color, Draft
-from pecgrasp_env.objects.procedural.colors import (
-    BLACK,
-    BRASS,
-    BRIGHT,
-    BROWN,
-    CARDBOARD,
-    CHARCOAL,
-    CREAM,
-    GREY,
-    NAVY,
-    STEEL,
-    WHITE,
-    pick,
-)
+from pecgrasp_env.objects.procedural.colors import BLACK, CHARCOAL, GREY, STEEL, pick
+from pecgrasp_env.objects.procedural.strangers.common_draws import between, mass_of, paint
 from pecgrasp_env.objects.procedural.vessels import vessel
 
 __all__ = [
@@ -44,8 +32,6 @@ __all__ = [
     "device",
     "dish",
     "lamp",
-    "mass_of",
-    "paint",
     "pierced_box",
     "pump",
     "ring",
@@ -58,23 +44,6 @@ __all__ = [
     "vehicle",
     "wand",
 ]
-
-_COLORS = (*BRIGHT, BLACK, BRASS, BROWN, CARDBOARD, CHARCOAL, CREAM, GREY, NAVY, STEEL, WHITE)
-
-
-def paint(rng: np.random.Generator) -> Color:
-    """Any colour of the catalogue."""
-    return pick(rng, _COLORS)
-
-
-def between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Evenly over ratios, as sizes of things are."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def mass_of(rng: np.random.Generator, volume_mm3: float) -> float:
-    """kg: foam to hardwood, within what lies in a household."""
-    return float(np.clip(volume_mm3 * 1e-9 * rng.uniform(120, 800), 0.02, 1.5))
 
 
 def superquadric(rng: np.random.Generator) -> Draft:

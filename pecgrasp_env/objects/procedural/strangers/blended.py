@@ -14,7 +14,7 @@ from pecgrasp_env.objects.meshing.convex_hulls import simplify_hull
 from pecgrasp_env.objects.meshing.implicit import Field, blend, ellipsoid, round_cone, rounded_box, surface_net
 from pecgrasp_env.objects.meshing.shapes import Shape
 from pecgrasp_env.objects.model import Draft
-from pecgrasp_env.objects.procedural.strangers.assembled import between, mass_of, paint
+from pecgrasp_env.objects.procedural.strangers.common_draws import between, mass_of, paint
 
 __all__ = ["carved", "compound", "fruit", "knobbly", "letter", "toy"]
 

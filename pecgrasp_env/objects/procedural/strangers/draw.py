@@ -28,7 +28,7 @@ __all__ = ["FORMS", "DrawnStrangers", "stranger", "strangers_for"]
 
 FORMS: dict[str, Callable[[np.random.Generator], Draft]] = {
     **PRIMITIVES,
-    **{name: getattr(assembled, name) for name in assembled.__all__ if name not in ("mass_of", "paint", "between")},
+    **{name: getattr(assembled, name) for name in assembled.__all__},
     **{name: getattr(blended, name) for name in blended.__all__},
     **{name: getattr(jointed, name) for name in jointed.__all__},
     **{name: getattr(slender, name) for name in slender.__all__},
@@ -93,8 +93,8 @@ def stranger(index: int, apart_from: tuple[str, ...] = ()) -> ObjectModel:
 class DrawnStrangers:
     """`count` strangers to the classes of some models: composed things, other classes, and models spoilt.
 
-    Six in ten are composed (`stranger`), one in ten of a class of the catalogue that is kin of none of theirs; one in
-    ten each are a model out of proportion, a part of one, and two pressed together. None is as like to a model as those
+    Of twenty, fourteen are composed (`stranger`), two of a class of the catalogue that is kin of none of theirs, two a
+    model out of proportion, one a part of one, one two pressed together. None is as like to a model as those
     of a class are to each other. The same models, seed and number give the same stranger.
 
     Raises ObjectError where there are no models, or count or seed is negative.

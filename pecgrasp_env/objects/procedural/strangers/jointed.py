@@ -17,7 +17,7 @@ from pecgrasp_env.objects.meshing.shapes import (
     tube,
 )
 from pecgrasp_env.objects.model import Draft
-from pecgrasp_env.objects.procedural.strangers.assembled import between, mass_of, paint
+from pecgrasp_env.objects.procedural.strangers.common_draws import between, mass_of, paint
 
 __all__ = ["folding", "headset", "shears", "spectacles", "strap"]
 

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 
 from pecgrasp_env.objects.meshing.shapes import Shape, block, disc, extrude, lathe, rounded_rectangle, tube
 from pecgrasp_env.objects.model import Draft
-from pecgrasp_env.objects.procedural.strangers.assembled import between, mass_of, paint
+from pecgrasp_env.objects.procedural.strangers.common_draws import between, mass_of, paint
 
 __all__ = ["bent_rod", "glider", "slab"]
 
