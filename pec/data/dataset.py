@@ -39,9 +39,16 @@ class CloudDataset:
     """(n,) what clouds that were scaled to one size are divided by to have the size of their mesh, in its unit."""
     stored: np.ndarray | None = None
     """(n,) int64, places of the clouds among all that the data set's files hold."""
+    originals: np.ndarray | None = None
+    """(n,) int64, equal for an instance and its deformed copies; None: there are no copies."""
 
     def __len__(self) -> int:
         return len(self.labels)
+
+    @property
+    def things(self) -> np.ndarray:
+        """(n,) int64: what a split by instance keeps on one side, an instance with its deformed copies."""
+        return self.instances if self.originals is None else self.originals
 
     @property
     def known_classes(self) -> list[str]:
@@ -82,6 +89,7 @@ class CloudDataset:
             test={name: mask[indices] for name, mask in self.test.items()},
             mesh_scales=None if self.mesh_scales is None else self.mesh_scales[indices],
             stored=None if self.stored is None else self.stored[indices],
+            originals=None if self.originals is None else self.originals[indices],
         )
 
     def with_strangers_last(self) -> CloudDataset:

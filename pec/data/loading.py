@@ -93,6 +93,7 @@ def _load_generated(directory: Path) -> CloudDataset:
         read_splits(directory, len(instances)),
         # A cloud that a camera took has turned and moved only.
         np.concatenate([np.cbrt(np.linalg.det(shard.T_camera_object[:, :3, :3])) for shard in shards]),
+        originals=manifest.originals[instances],
     )
 
 

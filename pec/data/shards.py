@@ -125,7 +125,7 @@ class Manifest:
 
     classes: list[str]
     instances: list[dict[str, Any]]
-    """One mapping an instance, with at least `name` and `class`."""
+    """One mapping an instance, with at least `name` and `class`; a deformed copy says `copy_of` which name."""
     cameras: list[dict[str, Any]]
     """One mapping a camera, with at least `name`."""
     config: dict[str, Any]
@@ -136,6 +136,15 @@ class Manifest:
     shards: list[ShardRecord] = field(default_factory=list)
     complete: bool = False
     schema_version: int = SCHEMA_VERSION
+
+    @property
+    def originals(self) -> np.ndarray:
+        """(number of instances,) int64: of each its own index, of a deformed copy that of what it is a copy of."""
+        index = {(entry["class"], entry["name"]): number for number, entry in enumerate(self.instances)}
+        return np.array(
+            [index.get((entry["class"], entry.get("copy_of")), number) for number, entry in enumerate(self.instances)],
+            np.int64,
+        )
 
 
 def shard_name(index: int, suffix: str = ".safetensors") -> str:

@@ -37,7 +37,8 @@ _SCHEMA_VERSION = 1
 
 
 class Labelled(Protocol):
-    """What a split looks at: class names, and of each sample its label and its instance, (n,) int64 each."""
+    """What a split looks at: class names, and of each sample its label, its instance and its thing, (n,) int64 each:
+    an instance and its deformed copies are one thing."""
 
     @property
     def classes(self) -> Sequence[str]: ...
@@ -45,6 +46,8 @@ class Labelled(Protocol):
     def labels(self) -> np.ndarray: ...
     @property
     def instances(self) -> np.ndarray: ...
+    @property
+    def things(self) -> np.ndarray: ...
 
 
 class WithSplits(Labelled, Protocol):
@@ -98,19 +101,21 @@ def split_by_sample(
 def split_by_instance(
     dataset: Labelled, first_fraction: float, rng: np.random.Generator, among: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two sorted index arrays of which no instance is on both sides; at least one instance of each class on each.
+    """Two sorted index arrays of which no instance is on both sides, nor one and a deformed copy of it; at least one
+    instance of each class on each.
 
     Raises DatasetError where a class has a single instance.
     """
     among = np.arange(len(dataset.labels)) if among is None else among
     first: list[np.ndarray] = []
     for label, name in enumerate(dataset.classes):
-        instances = np.unique(dataset.instances[among][dataset.labels[among] == label])
-        if len(instances) < 2:
-            raise DatasetError(f"cannot split by instance: class {name!r} has {len(instances)} instance(s)")
-        n_first = min(max(round(first_fraction * len(instances)), 1), len(instances) - 1)
-        first.append(rng.permutation(instances)[:n_first])
-    in_first = np.isin(dataset.instances[among], np.concatenate(first))
+        things = np.unique(dataset.things[among][dataset.labels[among] == label])
+        if len(things) < 2:
+            copies = "" if dataset.things is dataset.instances else ", its deformed copies aside"
+            raise DatasetError(f"cannot split by instance: class {name!r} has {len(things)} instance(s){copies}")
+        n_first = min(max(round(first_fraction * len(things)), 1), len(things) - 1)
+        first.append(rng.permutation(things)[:n_first])
+    in_first = np.isin(dataset.things[among], np.concatenate(first))
     return among[in_first], among[~in_first]
 
 

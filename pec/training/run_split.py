@@ -46,8 +46,7 @@ def split(
         return rest, test, test
     # Instances kept apart from test are too few to be cut again where a class has only two of them.
     enough = settings.split == "instance" and all(
-        len(np.unique(dataset.instances[rest][dataset.labels[rest] == label])) > 2
-        for label in range(len(dataset.classes))
+        len(np.unique(dataset.things[rest][dataset.labels[rest] == label])) > 2 for label in range(len(dataset.classes))
     )
     cut = split_by_instance if enough else split_by_sample
     training, validation = cut(dataset, 1 - settings.validation_fraction, rng, rest)
@@ -60,23 +59,24 @@ def hold_out_instances(
     """`split`'s parts with instances of each class for calibration.
 
     Where selection has unseen instances of a class only, those are taken. Where it has not, `fraction` of the class's
-    instances, one at least, leave training and selection for calibration; their test clouds stay test clouds. Of a
-    class with fewer than 4 instances, and with fraction 0, calibration takes the selection clouds: seen instances.
+    instances, one at least, leave training and selection for calibration, each with its deformed copies; their test
+    clouds stay test clouds. Of a class with fewer than 4 instances, and with fraction 0, calibration takes the
+    selection clouds: seen instances.
     """
     training, selection, test = parts
     rng = np.random.default_rng((seed, 0xCA1B))
     held, seen, calibration = [], [], [np.empty(0, np.int64)]
     for label, name in enumerate(dataset.classes):
         chosen = selection[dataset.labels[selection] == label]
-        learnt = np.unique(dataset.instances[training][dataset.labels[training] == label])
-        if np.isin(dataset.instances[chosen], learnt).any() and fraction and len(learnt) >= _FEWEST:
+        learnt = np.unique(dataset.things[training][dataset.labels[training] == label])
+        if np.isin(dataset.things[chosen], learnt).any() and fraction and len(learnt) >= _FEWEST:
             held.append(rng.permutation(learnt)[: max(1, round(fraction * len(learnt)))])
             continue
         calibration.append(chosen)
-        if np.isin(dataset.instances[chosen], learnt).any():
+        if np.isin(dataset.things[chosen], learnt).any():
             seen.append(name)
     kept_out = np.concatenate([np.empty(0, np.int64), *held])
     for part in (training, selection):
-        calibration.append(part[np.isin(dataset.instances[part], kept_out)])
-    training, selection = (part[~np.isin(dataset.instances[part], kept_out)] for part in (training, selection))
+        calibration.append(part[np.isin(dataset.things[part], kept_out)])
+    training, selection = (part[~np.isin(dataset.things[part], kept_out)] for part in (training, selection))
     return Parts(training, selection, test, np.sort(np.concatenate(calibration)), seen)

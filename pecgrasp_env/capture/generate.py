@@ -107,4 +107,5 @@ def _split(directory: Path, manifest: Manifest) -> None:
     official = None
     if all("split" in instance for instance in manifest.instances):
         official = np.array([instance["split"] == "test" for instance in manifest.instances])[belong]
-    write_splits(directory, CloudDataset(manifest.classes, [], labels, belong, ""), manifest.seed, official)
+    dataset = CloudDataset(manifest.classes, [], labels, belong, "", originals=manifest.originals[belong])
+    write_splits(directory, dataset, manifest.seed, official)

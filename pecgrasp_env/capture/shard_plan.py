@@ -100,9 +100,20 @@ def instance_entry(source: Source, class_name: str, number: int) -> dict[str, An
         "class": class_name,
         "origin": source.origin(class_name, number),
     }
+    if copy_of := _copied(source, class_name, number):
+        entry["copy_of"] = copy_of
     if isinstance(source, ModelNetArchive):
         entry["split"] = source.split(class_name, number)
     return entry
+
+
+def _copied(source: Source, class_name: str, number: int) -> str | None:
+    """The name of what the instance is a deformed copy of, if it is one."""
+    base = source.base if isinstance(source, WithStrangers) else source
+    if not isinstance(base, Deformed) or class_name not in base.classes or number >= len(base.names(class_name)):
+        return None
+    original, copy = base.original(class_name, number)
+    return base.base.names(class_name)[original] if copy else None
 
 
 def open_source(config: CaptureConfig) -> Source:

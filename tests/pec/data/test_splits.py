@@ -57,6 +57,32 @@ def test_split_by_instance_of_single_instances_is_an_error(shapes):
         split_by_instance(single, 0.5, np.random.default_rng(0))
 
 
+def with_copies(dataset: CloudDataset, n: int) -> CloudDataset:
+    """Of each class the instances from the n-th on are copies of its first n, in turn."""
+    originals = dataset.instances.copy()
+    for label in np.unique(dataset.labels):
+        own = np.unique(dataset.instances[dataset.labels == label])
+        for place, instance in enumerate(own):
+            originals[dataset.instances == instance] = own[place % n]
+    return replace(dataset, originals=originals)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.floats(0.05, 0.95))
+def test_deformed_copies_are_on_the_side_of_their_original(seed, fraction):
+    dataset = with_copies(labelled([6, 12], [3, 5]), 3)
+    first, second = split_by_instance(dataset, fraction, np.random.default_rng(seed))
+    assert sorted([*first, *second]) == list(range(len(dataset)))
+    assert not set(dataset.things[first]) & set(dataset.things[second])
+    for part in (first, second):
+        assert set(dataset.labels[part]) == {0, 1}
+
+
+def test_copies_of_one_instance_cannot_be_split_by_instance():
+    with pytest.raises(DatasetError, match=r"'class_0' has 1 instance.*deformed copies aside"):
+        split_by_instance(with_copies(labelled([8, 8], [2]), 1), 0.5, np.random.default_rng(0))
+
+
 @settings(max_examples=50, deadline=None)
 @given(
     st.lists(st.integers(2, 6), min_size=1, max_size=4),

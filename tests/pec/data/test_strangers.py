@@ -1,5 +1,7 @@
 """Strangers among a data set's classes, and those that are made of its clouds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,16 @@ def test_of_classes_with_enough_instances_some_are_kept_for_calibration(tmp_path
     assert np.array_equal(parts.test, _parts(dataset)[2])
     seen = set(dataset.instances[dataset.labels < 2]) & set(dataset.instances[parts.selection])
     assert not kept & seen
+
+
+def test_what_is_kept_for_calibration_has_no_copy_in_training(tmp_path):
+    dataset = _write(tmp_path / "c.npz", ["mug", "can"], [20, 12])
+    dataset = replace(dataset, originals=dataset.instances // 4 * 4)  # five mugs and three cans, three copies of each
+    parts = hold_out_instances(dataset, _parts(dataset), 0.2, 0)
+    kept = dataset.things[parts.calibration][dataset.labels[parts.calibration] == 0]
+    assert len(set(kept)) == 1
+    assert not set(kept) & set(dataset.things[parts.training])
+    assert parts.seen == ["can"]
 
 
 def test_nothing_is_kept_back_where_selection_is_of_unseen_instances(tmp_path):

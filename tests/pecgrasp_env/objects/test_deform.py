@@ -66,6 +66,15 @@ def test_a_set_records_them_and_one_without_says_nothing_of_them():
     assert not {"deformations", "deformation", "families"} & set(unsaid)
 
 
+def test_a_manifest_says_of_each_copy_what_it_is_a_copy_of():
+    objects = ObjectsConfig(classes=("can", "box"), instances_per_class=2, deformations=1, strangers=2)
+    config = CaptureConfig(objects=objects)
+    manifest = allot(config, open_source(config))[0]
+    names = [entry["name"] for entry in manifest.instances]
+    assert [names[i] for i in manifest.originals] == [name.partition("~")[0] for name in names]
+    assert manifest.originals.tolist() == [0, 1, 0, 1, 4, 5, 4, 5, 8, 9]
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
