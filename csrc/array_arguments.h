@@ -42,4 +42,15 @@ static inline Py_buffer *array_argument(Arrays *arrays, PyObject *from, const ch
     return NULL;
 }
 
+/* The end of a module whose functions are `methods`; it says which INTERFACE it has. */
+#define KERNEL_MODULE(name, doc)                                                                                       \
+    static int execute(PyObject *module) { return PyModule_AddIntConstant(module, "INTERFACE", INTERFACE); }           \
+                                                                                                                       \
+    static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};                                     \
+                                                                                                                       \
+    static struct PyModuleDef definition = {                                                                           \
+        .m_base = PyModuleDef_HEAD_INIT, .m_name = name, .m_doc = doc, .m_methods = methods, .m_slots = slots};        \
+                                                                                                                       \
+    PyMODINIT_FUNC PyInit__kernels(void) { return PyModuleDef_Init(&definition); }
+
 #endif

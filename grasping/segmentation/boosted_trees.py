@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +43,18 @@ class BoostedTrees:
         features = np.ascontiguousarray(features, dtype=np.float32)
         if kernels.compiled is not None:
             odds = np.full(len(features), self.baseline)
-            nodes = (self.feature, self.threshold, self.left, self.right, self.missing_left, self.value, self.start)
-            kernels.compiled.add_trees(*nodes, features, odds)
+            kernels.compiled.add_trees(self._packed, features, odds)
             return odds
         return self.log_odds_reference(features)
+
+    @cached_property
+    def _packed(self) -> Any:
+        """The same as the kernel reads it, made once."""
+        nodes = (self.feature, self.threshold, self.left, self.right, self.missing_left, self.value, self.start)
+        return kernels.compiled.pack_trees(*nodes)  # type: ignore[union-attr]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # what is packed stays in its process
 
     def log_odds_reference(self, features: Float32Array) -> FloatArray:
         """`log_odds` in NumPy."""

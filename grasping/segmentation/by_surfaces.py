@@ -42,11 +42,8 @@ class SurfaceGroups:
 
 @dataclass(frozen=True)
 class PatchGroups:
-    """labels: (h, w) the group of each pixel, from 1 up. features: (G + 1, len(OF_GROUP)) of the groups. whole:
-    (G + 1,) how sure, in [0, 1], each is a whole thing.
-    """
+    """features: (G + 1, len(OF_GROUP)) of the groups. whole: (G + 1,) how sure, in [0, 1], each is a whole thing."""
 
-    labels: Labels
     grouping: Grouping
     features: Float32Array
     whole: FloatArray
@@ -65,10 +62,8 @@ def group_patches(surfaces: Surfaces, relations: Relations) -> PatchGroups:
 
 
 def _described(surfaces: Surfaces, grouping: Grouping, relations: Relations) -> PatchGroups:
-    labels = grouping.group.astype(np.int32).take(surfaces.labels)
-    measures = surfaces.measure(labels, int(grouping.group.max(initial=0)))
-    features = group_features(labels, measures, surfaces.relief, grouping, surfaces.up)
-    return PatchGroups(labels, grouping, features, probability(relations.whole.log_odds(features)))
+    features = group_features(surfaces.measures_of_groups(grouping), grouping, surfaces.up)
+    return PatchGroups(grouping, features, probability(relations.whole.log_odds(features)))
 
 
 def group_by_surfaces(
@@ -84,7 +79,8 @@ def group_by_surfaces(
         table, noise = surfaces.relief.table, surfaces.relief.noise
         of_table = table.ravel() if image.pixel_a_point else table.ravel().take(image.cells, mode="clip")
         above = image.point_inverse_depth - of_table
-    number = _of_points(image, groups.labels, table)
+    of_pixel = groups.grouping.group.astype(np.int32).take(surfaces.labels)
+    number = _of_points(image, of_pixel, table)
     number[~valid] = 0
     thing = probability(relations.thing.log_odds(groups.features))
     return SurfaceGroups(number, above, noise, thing, groups.whole, groups.grouping.cuts)

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from grasping.segmentation.grouping import Grouping
 from grasping.segmentation.patch_measures import PatchMeasures, extents, fit_quadratics
-from grasping.segmentation.table_relief import Relief
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -22,14 +21,8 @@ OF_GROUP = [
 ]
 
 
-def group_features(
-    labels: NDArray[np.int32],
-    measures: PatchMeasures,
-    relief: Relief | None,
-    grouping: Grouping,
-    up: FloatArray | None,
-) -> Float32Array:
-    """(G + 1, len(OF_GROUP)), row 0 without meaning. labels: (h, w) the pixels' groups. measures: of these."""
+def group_features(measures: PatchMeasures, grouping: Grouping, up: FloatArray | None) -> Float32Array:
+    """(G + 1, len(OF_GROUP)), row 0 without meaning. measures: of the groups."""
     count = len(measures.pixels)
     pixels = np.maximum(measures.pixels, 1.0)
     unknown = np.full(count, np.nan)
@@ -39,31 +32,24 @@ def group_features(
     axes = extents(measures.scatter)
     sums = (measures.moments, measures.products, measures.squares, measures.pixels)
     plane, quadric = (fit_quadratics(*sums, terms)[0] for terms in (3, 6))
-    strength = least = unknown
-    if relief is not None:
-        at = np.flatnonzero(labels > 0)
-        own = labels.ravel().take(at)
-        over = relief.above.ravel().take(at) / np.float32(max(relief.noise, 1e-9))
-        strength = np.bincount(own, np.minimum(over, 20), minlength=count) / pixels
-        least = np.bincount(own, over < 2, minlength=count) / pixels
     low, middle, high = measures.heights.T
     # Of its bounding ellipse, how much it fills; an ellipse's area is 4 π times the product of its deviations.
     fill = measures.area / np.maximum(4 * np.pi * axes[:, 1] * axes[:, 2], 1e-9)
     join, cut, cuts, share = _sureness(grouping, count)
     rows = [measures.pixels, measures.area, patches, low, middle, high]
     rows += [*measures.sides.T, measures.edge, measures.outline / np.sqrt(pixels)]
-    rows += [plane, quadric, 1 - normal, rising, *axes.T, strength, least, fill, join, cut, cuts, share]
+    rows += [plane, quadric, 1 - normal, rising, *axes.T, *measures.over.T, fill, join, cut, cuts, share]
     return np.stack(rows, axis=1).astype(np.float32)
 
 
 def _sureness(grouping: Grouping, count: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(G + 1,) each: the least sure join and cut, the number of cuts, and the length of borders that were cut."""
-    join, cut, cuts, length = np.ones(count), np.ones(count), np.zeros(count), np.zeros(count)
+    join, cut, length = np.ones(count), np.ones(count), np.zeros(count)
     join[: len(grouping.joins)] = grouping.joins[:count]
-    for (one, other), sure in grouping.cuts.items():
-        for group in (one, other):
-            cut[group] = min(cut[group], sure)
-            cuts[group] += 1
+    low, high, sure = grouping.between
+    both = np.concatenate([low, high])
+    np.minimum.at(cut, both, np.concatenate([sure, sure]))
+    cuts = np.bincount(both, minlength=count).astype(np.float64)
     apart = grouping.group[grouping.first] != grouping.group[grouping.second]
     for patch in (grouping.first, grouping.second):
         length += np.bincount(grouping.group[patch[apart]], grouping.length[apart], minlength=count)

@@ -68,8 +68,8 @@ class Grouping:
         return replace(self, group=group)
 
     @cached_property
-    def cuts(self) -> dict[tuple[int, int], float]:
-        """For pairs of neighbouring objects, first < second, how sure, in [0, 1], they are two."""
+    def between(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """(K,) each: neighbouring objects, the lower and the higher one, and how sure, in [0, 1], they are two."""
         one, other = self.group[self.first], self.group[self.second]
         apart = one != other
         low, high = np.minimum(one, other)[apart], np.maximum(one, other)[apart]
@@ -77,8 +77,13 @@ class Grouping:
         pairs, inverse = np.unique(low * count + high, return_inverse=True)
         total = np.bincount(inverse, (self.odds * self.length)[apart], minlength=len(pairs))
         weight = np.bincount(inverse, self.length[apart], minlength=len(pairs))
-        sure = 1.0 - probability(total / np.maximum(weight, 1e-9))
-        return {divmod(pair, count): value for pair, value in zip(pairs.tolist(), sure.tolist(), strict=True)}
+        return pairs // count, pairs % count, 1.0 - probability(total / np.maximum(weight, 1e-9))
+
+    @cached_property
+    def cuts(self) -> dict[tuple[int, int], float]:
+        """For pairs of neighbouring objects, first < second, how sure, in [0, 1], they are two."""
+        low, high, sure = self.between
+        return dict(zip(zip(low.tolist(), high.tolist(), strict=True), sure.tolist(), strict=True))
 
 
 def probability(odds: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from grasping.segmentation.surface_fits import SurfaceFits
 from grasping.segmentation.working_image import WorkingImage
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Float32Array = NDArray[np.float32]
 Labels = NDArray[np.int32]
 
@@ -19,9 +20,35 @@ QUADRATIC = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of column
 POWERS = tuple((i, j) for i in range(5) for j in range(5 - i))  # of its normal equations
 TALLEST, BINS = 0.512, 256  # m and number: heights are counted in bins of 2 mm
 LOW = 0.012  # m: a patch's pixel at the table's side as low as this stands on it
-SUMS = 1 + len(POWERS) + len(QUADRATIC) + 1 + 3 + 6 + 3 + 1 + 1  # see `sums_reference`
+SUMS = 1 + len(POWERS) + len(QUADRATIC) + 1 + 3 + 6 + 3 + 1 + 1 + 2  # see `sums_reference`
 SIDES = 5
 LITTLE = 1e-9  # of a ridge in fits of few pixels
+FAR_OUT, LITTLE_OUT = 20.0, 2.0  # times the table's noise: more does not count, less may be the table
+
+
+@dataclass(frozen=True)
+class PatchSums:
+    """What is added up over the pixels of patches 0 … n (row 0 is empty), as in `sums_reference`: sums (n + 1, SUMS),
+    bins (n + 1, BINS), sides (n + 1, SIDES).
+    """
+
+    sums: FloatArray
+    bins: FloatArray
+    sides: FloatArray
+
+    def of_groups(self, group: IntArray, first: IntArray, second: IntArray, adjoining: IntArray) -> PatchSums:
+        """Of groups 0 … G: group (n + 1,) of each patch. adjoining: (P,) the sides that pairs of patches share."""
+        order = np.argsort(group, kind="stable")
+        present, start = np.unique(group[order], return_index=True)
+        count = int(present[-1]) + 1
+        added = []
+        for rows in (self.sums, self.bins, self.sides):
+            of_groups = np.zeros((count, rows.shape[1]))
+            of_groups[present] = np.add.reduceat(rows[order], start, axis=0)
+            added.append(of_groups)
+        inside = group[first] == group[second]  # what divided two patches of a group is no outline of it
+        added[2][:, 0] -= 2 * np.bincount(group[first[inside]], adjoining[inside], minlength=count)
+        return PatchSums(*added)
 
 
 @dataclass(frozen=True)
@@ -31,7 +58,8 @@ class PatchMeasures:
     (n + 1, 3), m from the camera, and scatter (n + 1, 3, 3); normal (n + 1, 3), their mean; area (n + 1,), m² across
     the line of sight; edge (n + 1,), the mean; heights (n + 1, 3), m, of which 5, 50 and 95 % are lower;
     outline (n + 1,), sides of pixels, and of these the share beside the table, low beside the table, where nothing is
-    measured, and at the image's edge, sides (n + 1, 4).
+    measured, and at the image's edge, sides (n + 1, 4); over (n + 1, 2), the mean of how many times the table's noise
+    pixels are nearer than it, and the share of those that hardly are.
     """
 
     pixels: FloatArray
@@ -46,9 +74,10 @@ class PatchMeasures:
     heights: FloatArray
     outline: FloatArray
     sides: FloatArray
+    over: FloatArray
 
 
-def measure_patches(
+def add_up_patches(
     image: WorkingImage,
     fits: SurfaceFits,
     positions: Float32Array,
@@ -57,16 +86,23 @@ def measure_patches(
     edge: Float32Array,
     height: Float32Array,
     table: NDArray[np.bool_],
-) -> PatchMeasures:
-    """positions (h, w, 3), m; edge, height (h, w), m above the table, NaN without one; table (h, w): its pixels."""
-    arguments = (image.inverse_depth, fits.normals, positions, labels, edge, height, table)
-    sums = np.zeros((count + 1, SUMS))
-    bins = np.zeros((count + 1, BINS))
-    sides = np.zeros((count + 1, SIDES))
-    if kernels.compiled is not None:
-        kernels.compiled.measure_patches(*arguments, image.pixel, sums, bins, sides)
-    else:
-        sums_reference(*arguments, image.pixel, sums, bins, sides)
+    above: Float32Array,
+    noise: float,
+) -> PatchSums:
+    """positions (h, w, 3), m; edge, height (h, w), m above the table, NaN without one; table (h, w): its pixels; above
+    (h, w), 1/m by which a pixel is nearer than the table, whose noise is so much, NaN without one.
+    """
+    arguments = (image.inverse_depth, fits.normals, positions, labels, edge, height, table, above)
+    sums = PatchSums(*(np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)))
+    add_up = sums_reference if kernels.compiled is None else kernels.compiled.measure_patches
+    add_up(*arguments, image.pixel, max(noise, 1e-9), sums.sums, sums.bins, sums.sides)
+    return sums
+
+
+def measures_of(patches: PatchSums, *, with_table: bool) -> PatchMeasures:
+    """What the sums say of each patch; with_table: whether a table was found."""
+    sums, sides = patches.sums, patches.sides
+    count = len(sums) - 1
     pixels = sums[:, 0]
     at_least = np.maximum(pixels, 1.0)
     number = {power: 1 + k for k, power in enumerate(POWERS)}
@@ -93,9 +129,10 @@ def measure_patches(
         normal=sums[:, at : at + 3] / at_least[:, None],
         area=sums[:, at + 3],
         edge=sums[:, at + 4] / at_least,
-        heights=_quantiles(bins) if np.isfinite(height).any() else np.full((count + 1, 3), np.nan),
+        heights=_quantiles(patches.bins) if with_table else np.full((count + 1, 3), np.nan),
         outline=outline,
         sides=sides[:, 1:] / outline[:, None],
+        over=sums[:, at + 5 : at + 7] / at_least[:, None] if with_table else np.full((count + 1, 2), np.nan),
     )
 
 
@@ -107,13 +144,16 @@ def sums_reference(
     edge: Float32Array,
     height: Float32Array,
     table: NDArray[np.bool_],
+    above: Float32Array,
     pixel: float,
+    noise: float,
     sums: FloatArray,
     bins: FloatArray,
     sides: FloatArray,
 ) -> None:
     """Add up for each label: 1; column and row to `POWERS`; the quadratic's terms times inverse depth; its square;
-    position; its products; normal; area; edge. bins: heights. sides: of the outline, and what they are beside.
+    position; its products; normal; area; edge; times the noise over the table, and whether that is little. bins:
+    heights. sides: of the outline, and what they are beside.
     """
     h, w = labels.shape
     at = np.flatnonzero(labels)
@@ -136,6 +176,8 @@ def sums_reference(
     values += [place[:, i] * place[:, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
     values += [normal[:, k] for k in range(3)]
     values += [pixel * pixel / (q * q), np.minimum(edge.ravel()[at].astype(np.float64), 2.0)]
+    over = above.ravel()[at] / np.float32(noise)
+    values += [np.minimum(over, np.float32(FAR_OUT)), over < np.float32(LITTLE_OUT)]
     for k, value in enumerate(values):
         sums[:, k] = np.bincount(own, value, minlength=len(sums))
     high = height.ravel()[at]

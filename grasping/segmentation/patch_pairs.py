@@ -34,7 +34,8 @@ class Borders:
 
     inner, outer: flattened pixels in the patch with the lower and with the higher number; steps: pixels between them,
     1 where they adjoin; along_row: whether they lie in one row; forward: +1 where outer comes after inner, else −1.
-    start: (P + 1,) where each pair's begin; first, second: (P,) the patches, first < second.
+    start: (P + 1,) where each pair's begin; first, second: (P,) the patches, first < second; adjoining: (P,) how many
+    of a pair's pixels adjoin.
     """
 
     inner: IntArray
@@ -45,6 +46,7 @@ class Borders:
     start: IntArray
     first: IntArray
     second: IntArray
+    adjoining: IntArray
 
 
 def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
@@ -62,15 +64,17 @@ def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
     key = flat[inner].astype(np.int64) * (count + 1) + flat[outer]
     order = np.argsort(key, kind="stable")
     pairs, start = np.unique(key[order], return_index=True)
+    steps = steps_[order]
     return Borders(
         inner=inner[order],
         outer=outer[order],
-        steps=steps_[order],
+        steps=steps,
         along_row=rows[order],
         forward=np.where(swap, -1, 1)[order],
         start=np.append(start, len(order)),
         first=pairs // (count + 1),
         second=pairs % (count + 1),
+        adjoining=np.add.reduceat(steps == 1, start, dtype=np.int64) if len(start) else start,
     )
 
 

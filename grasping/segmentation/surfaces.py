@@ -14,7 +14,7 @@ from grasping.segmentation.correlation_clustering import cluster
 from grasping.segmentation.grouping import Grouping
 from grasping.segmentation.hidden_halves import join_halves
 from grasping.segmentation.pair_features import AT_BORDER, border_features, shape_features, stand_apart
-from grasping.segmentation.patch_measures import PatchMeasures, measure_patches
+from grasping.segmentation.patch_measures import PatchMeasures, add_up_patches, measures_of
 from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes, patches_at_holes
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surface_patches import cut_into_patches
@@ -65,7 +65,19 @@ class Surfaces:
                 table |= (self.labels > 0) & (number == 0)
                 self.labels, self.count = number, int(np.count_nonzero(kept)) - 1
         self.borders = borders(self.labels, self.count, (self.labels == 0) & ~table)
-        self.measures = self.measure(self.labels, self.count)
+        self.sums = add_up_patches(
+            image,
+            fits,
+            self.positions,
+            self.labels,
+            self.count,
+            self.edge,
+            height,
+            table,
+            height if self.relief is None else self.relief.above,
+            np.nan if self.relief is None else self.relief.noise,
+        )
+        self.measures = measures_of(self.sums, with_table=self.relief is not None)
         at_border, first_in_front, second_in_front = border_features(
             self.borders, fits, self.positions, self.labels, height, up, self.measures
         )
@@ -88,9 +100,12 @@ class Surfaces:
         self.near_features = np.concatenate([at_border, of_both[: len(nothing)]], axis=1)
         self.far_features = of_both[len(nothing) :]
 
-    def measure(self, labels: Labels, count: int) -> PatchMeasures:
-        """Measure the pixels of each label (h, w), from 1 to count."""
-        return measure_patches(self.image, self.fits, self.positions, labels, count, self.edge, self.height, self.table)
+    def measures_of_groups(self, grouping: Grouping) -> PatchMeasures:
+        """What is measured on groups of patches, as if each were a patch."""
+        adjoining = np.zeros(len(grouping.first), dtype=np.int64)
+        adjoining[: len(self.borders.first)] = self.borders.adjoining
+        sums = self.sums.of_groups(grouping.group, grouping.first, grouping.second, adjoining)
+        return measures_of(sums, with_table=self.relief is not None)
 
     def group(self, relations: Relations) -> Grouping:
         """Say which patches are of one object."""

@@ -379,22 +379,5 @@ static PyMethodDef methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-static int execute(PyObject *module)
-{
-    return PyModule_AddIntConstant(module, "INTERFACE", INTERFACE);
-}
-
-static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};
-
-static struct PyModuleDef definition = {
-    .m_base = PyModuleDef_HEAD_INIT,
-    .m_name = "grasping.curvature_planner._kernels",
-    .m_doc = "The compiled half of the planner's hot path. compiled_backend.py is its only caller.",
-    .m_methods = methods,
-    .m_slots = slots,
-};
-
-PyMODINIT_FUNC PyInit__kernels(void)
-{
-    return PyModuleDef_Init(&definition);
-}
+KERNEL_MODULE("grasping.curvature_planner._kernels",
+              "The compiled half of the planner's hot path. compiled_backend.py is its only caller.")

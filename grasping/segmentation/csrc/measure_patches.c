@@ -6,6 +6,8 @@
 enum { POWERS = 5 };
 #define BIN_PER_M 500.0f /* BINS / TALLEST */
 #define LOW 0.012f
+#define FAR_OUT 20.0f
+#define LITTLE_OUT 2.0f
 
 /* Add a pixel to its patch's sums. */
 static void add_pixel(const Measured *image, ptrdiff_t pixel, const double across[POWERS], const double down[POWERS],
@@ -13,6 +15,7 @@ static void add_pixel(const Measured *image, ptrdiff_t pixel, const double acros
 {
     static const int column[6] = {0, 1, 0, 2, 1, 0}, row[6] = {0, 0, 1, 0, 1, 2};
     const double q = image->inverse_depth[pixel], edge = image->edge[pixel];
+    const float over = image->above[pixel] / (float)image->noise;
     double place[3];
     *sum++ += 1.0;
     for (int i = 0; i < POWERS; i++)
@@ -30,6 +33,8 @@ static void add_pixel(const Measured *image, ptrdiff_t pixel, const double acros
         *sum++ += image->normals[3 * pixel + k];
     *sum++ += image->pixel * image->pixel / (q * q);
     *sum++ += edge > 2.0 ? 2.0 : edge;
+    *sum++ += minimum(over, FAR_OUT);
+    *sum++ += over < LITTLE_OUT;
 }
 
 /* Count a side of a pixel by what it is beside. pixel: that, −1 outside of the image. */

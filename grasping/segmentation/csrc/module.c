@@ -2,8 +2,10 @@
 #include "array_arguments.h"
 #include "segmentation.h"
 
+#include <stdlib.h>
+
 /* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
-#define INTERFACE 2
+#define INTERFACE 3
 
 #define INT32 "il"
 #define INT64 "lq"
@@ -312,10 +314,11 @@ static PyObject *merge(PyObject *self, PyObject *arguments)
 static PyObject *measure(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *inverse_depth, *normals, *positions, *labels, *edge, *height, *table, *sums, *bins, *sides, *answer = NULL;
+    PyObject *inverse_depth, *normals, *positions, *labels, *edge, *height, *table, *above, *sums, *bins, *sides,
+        *answer = NULL;
     Measured on;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOOdOOO", &inverse_depth, &normals, &positions, &labels, &edge, &height, &table,
-                          &on.pixel, &sums, &bins, &sides))
+    if (!PyArg_ParseTuple(arguments, "OOOOOOOOddOOO", &inverse_depth, &normals, &positions, &labels, &edge, &height,
+                          &table, &above, &on.pixel, &on.noise, &sums, &bins, &sides))
         return NULL;
     Arrays arrays = {.count = 0};
     Py_buffer *added;
@@ -327,6 +330,7 @@ static PyObject *measure(PyObject *self, PyObject *arguments)
         (on.edge = items(&arrays, edge, "edge", "f", on.h, on.w, 0, 0)) &&
         (on.height = items(&arrays, height, "height", "f", on.h, on.w, 0, 0)) &&
         (on.table = items(&arrays, table, "table", "?", on.h, on.w, 0, 0)) &&
+        (on.above = items(&arrays, above, "above", "f", on.h, on.w, 0, 0)) &&
         (added = array_argument(&arrays, sums, "sums", "d", 2, 1, SUMS, 1)) &&
         (heights = items(&arrays, bins, "bins", "d", added->shape[0], BINS, 0, 1)) &&
         (outlines = items(&arrays, sides, "sides", "d", added->shape[0], SIDES, 0, 1))) {
@@ -340,29 +344,51 @@ static PyObject *measure(PyObject *self, PyObject *arguments)
     return answer;
 }
 
-static PyObject *boost(PyObject *self, PyObject *arguments)
+#define PACKED "grasping.segmentation.PackedTrees"
+
+static void unpack(PyObject *capsule) { free(PyCapsule_GetPointer(capsule, PACKED)); }
+
+static PyObject *pack(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *feature, *threshold, *left, *right, *missing_left, *value, *start, *features, *odds, *answer = NULL;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOOOO", &feature, &threshold, &left, &right, &missing_left, &value, &start,
-                          &features, &odds))
+    PyObject *feature, *threshold, *left, *right, *missing_left, *value, *start, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOO", &feature, &threshold, &left, &right, &missing_left, &value, &start))
         return NULL;
     Arrays arrays = {.count = 0};
     Trees trees;
-    Py_buffer *rows;
-    double *out;
     if ((trees.feature = list(&arrays, feature, "feature", INT32, &trees.nodes)) &&
         (trees.threshold = items(&arrays, threshold, "threshold", "f", trees.nodes, 0, 0, 0)) &&
         (trees.left = items(&arrays, left, "left", INT32, trees.nodes, 0, 0, 0)) &&
         (trees.right = items(&arrays, right, "right", INT32, trees.nodes, 0, 0, 0)) &&
         (trees.missing_left = items(&arrays, missing_left, "missing_left", INT32, trees.nodes, 0, 0, 0)) &&
         (trees.value = items(&arrays, value, "value", "d", trees.nodes, 0, 0, 0)) &&
-        (trees.start = list(&arrays, start, "start", INT32, &trees.trees)) &&
+        (trees.start = list(&arrays, start, "start", INT32, &trees.trees))) {
+        PackedTrees *packed = NULL;
+        const int code = pack_trees(&trees, &packed);
+        answer = code ? failure(code) : PyCapsule_New(packed, PACKED, unpack);
+        if (!code && !answer)
+            free(packed);
+    }
+    release(&arrays);
+    return answer;
+}
+
+static PyObject *boost(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *capsule, *features, *odds, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OOO", &capsule, &features, &odds))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    const PackedTrees *trees;
+    Py_buffer *rows;
+    double *out;
+    if ((trees = PyCapsule_GetPointer(capsule, PACKED)) &&
         (rows = array_argument(&arrays, features, "features", "f", 2, 0, -1, 0)) &&
         (out = items(&arrays, odds, "odds", "d", rows->shape[0], 0, 0, 1))) {
         int code;
         Py_BEGIN_ALLOW_THREADS
-        code = add_trees(&trees, rows->buf, rows->shape[0], rows->shape[1], out);
+        code = add_trees(trees, rows->buf, rows->shape[0], rows->shape[1], out);
         Py_END_ALLOW_THREADS
         answer = code ? failure(code) : Py_NewRef(Py_None);
     }
@@ -407,27 +433,10 @@ static PyMethodDef methods[] = {
     {"grow_patches", grow, METH_VARARGS, "See surface_patches.grow_patches_reference: fills `labels`, returns the number."},
     {"merge_patches", merge, METH_VARARGS, "See surface_patches.merge_patches_reference: changes `labels`, likewise."},
     {"measure_patches", measure, METH_VARARGS, "See patch_measures.sums_reference: adds to sums, bins and sides."},
+    {"pack_trees", pack, METH_VARARGS, "The same trees as `add_trees` takes them."},
     {"add_trees", boost, METH_VARARGS, "See boosted_trees.BoostedTrees.log_odds: adds to `odds`."},
     {"cluster", group, METH_VARARGS, "See correlation_clustering.cluster_reference: fills `root`."},
     {NULL, NULL, 0, NULL},
 };
 
-static int execute(PyObject *module)
-{
-    return PyModule_AddIntConstant(module, "INTERFACE", INTERFACE);
-}
-
-static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)execute}, {0, NULL}};
-
-static struct PyModuleDef definition = {
-    .m_base = PyModuleDef_HEAD_INIT,
-    .m_name = "grasping.segmentation._kernels",
-    .m_doc = "The compiled pixel loops of the segmenter.",
-    .m_methods = methods,
-    .m_slots = slots,
-};
-
-PyMODINIT_FUNC PyInit__kernels(void)
-{
-    return PyModuleDef_Init(&definition);
-}
+KERNEL_MODULE("grasping.segmentation._kernels", "The compiled pixel loops of the segmenter.")

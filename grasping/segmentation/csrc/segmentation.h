@@ -66,14 +66,14 @@ void steps_to_borders(const int32_t *labels, const unsigned char *unknown, ptrdi
 
 /* What `measure_patches` adds up, and over what. */
 typedef struct {
-    const float *inverse_depth, *normals, *positions, *edge, *height;
+    const float *inverse_depth, *normals, *positions, *edge, *height, *above;
     const int32_t *labels;
     const unsigned char *table;
     ptrdiff_t h, w;
-    double pixel;
+    double pixel, noise;
 } Measured;
 
-enum { SUMS = 37, BINS = 256, SIDES = 5 };
+enum { SUMS = 39, BINS = 256, SIDES = 5 };
 
 /* Adds to rows 0 … count − 1 of sums, bins and sides. */
 int measure_patches(const Measured *image, ptrdiff_t count, double *sums, double *bins, double *sides);
@@ -86,7 +86,12 @@ typedef struct {
     ptrdiff_t nodes, trees;
 } Trees;
 
-int add_trees(const Trees *trees, const float *features, ptrdiff_t rows, ptrdiff_t columns, double *odds);
+/* The same as they are asked, checked: `free` is due. */
+typedef struct PackedTrees PackedTrees;
+
+int pack_trees(const Trees *trees, PackedTrees **packed);
+
+int add_trees(const PackedTrees *trees, const float *features, ptrdiff_t rows, ptrdiff_t columns, double *odds);
 
 /* Fills root (nodes). */
 int cluster(const int64_t *first, const int64_t *second, const double *agreement, ptrdiff_t pairs, ptrdiff_t nodes,

@@ -199,8 +199,10 @@ def test_patches_are_measured_alike(random: np.random.Generator, shape: tuple[in
     height[random.random(shape) < 0.2] = random.choice([np.nan, np.inf, 1e30, -1e30])
     arrays = [random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3)), random_edges(random, shape), height]
     places, towards, edge, heights = (array.astype(np.float32) for array in arrays)
+    above = random.normal(0, 0.02, shape).astype(np.float32)
+    above[random.random(shape) < 0.05] = random.choice([np.nan, np.inf, -np.inf])
     table = random.random(shape) < 0.3
-    arguments = (q, towards, places, labels, edge, heights, table, 0.002)
+    arguments = (q, towards, places, labels, edge, heights, table, above, 0.002, random.choice([0.001, 1e-9, np.nan]))
     sums = [[np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)] for _ in range(2)]
     compiled.measure_patches(*arguments, *sums[0])
     sums_reference(*arguments, *sums[1])
@@ -276,7 +278,7 @@ def test_no_number_hangs_or_crashes_the_kernels(value: float) -> None:
     count = compiled.grow_patches(edge, fits.inverse_depth, labels)
     count = compiled.merge_patches(np.where(edge < 1, edge, np.float32(value)), labels, count)
     sums = [np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)]
-    compiled.measure_patches(q, fits.normals, places, labels, edge, q, q > 0, value, *sums)
+    compiled.measure_patches(q, fits.normals, places, labels, edge, q, q > 0, q, value, value, *sums)
     first, second = np.triu_indices(20, 1)
     agreement = random.normal(size=len(first))
     agreement[::3] = value
@@ -304,8 +306,9 @@ def calls() -> dict[str, list[Any]]:
         "edges": [one, blank(shape, 2), three, three.copy(), asked, edge],
         "grow_patches": [edge, one, labels],
         "merge_patches": [edge, labels, 1],
-        "measure_patches": [one, three, three, labels, edge, one, mask, 0.002, *sums],
-        "add_trees": [*nodes, blank((4, 3)), np.zeros(4)],
+        "measure_patches": [one, three, three, labels, edge, one, mask, one, 0.002, 0.001, *sums],
+        "pack_trees": nodes,
+        "add_trees": [compiled.pack_trees(*nodes), blank((4, 3)), np.zeros(4)],
         "cluster": [np.array([0, 1]), np.array([1, 2]), np.array([1.0, -1.0]), np.zeros(3, dtype=np.int64)],
     }
 
@@ -320,7 +323,7 @@ def test_the_kernels_refuse_arrays_that_they_cannot_read(name: str) -> None:
         size_is_free = (name, place) in {
             ("fit_surfaces", 1),
             ("edges", 4),
-            ("add_trees", 6),
+            ("pack_trees", 6),
             ("cluster", 3),
         }
         wrong: list[Any] = [argument.astype(np.complex64), argument.astype(np.int16), None, 3, argument[None]]
@@ -353,17 +356,23 @@ def test_indices_out_of_range_are_refused(index: int) -> None:
     with pytest.raises(ValueError, match="out of the array"):
         compiled.measure_patches(*given["measure_patches"])
     for place in (0, 2, 3, 6):
-        arguments = calls()["add_trees"]
-        arguments[place][:] = label if place or label > 0 else 9
+        nodes = calls()["pack_trees"]
+        nodes[place][:] = label if place or label > 0 else 9
         with pytest.raises(ValueError, match="out of the array"):
-            compiled.add_trees(*arguments)
+            compiled.add_trees(compiled.pack_trees(*nodes), blank((4, 3)), np.zeros(4))
 
 
 def test_trees_that_lead_back_are_refused() -> None:
-    arguments = calls()["add_trees"]
+    arguments = calls()["pack_trees"]
     arguments[2][0] = 0
     with pytest.raises(ValueError, match="out of the array"):
-        compiled.add_trees(*arguments)
+        compiled.pack_trees(*arguments)
+
+
+@pytest.mark.parametrize("other", [None, 3, np.zeros(4)])
+def test_only_packed_trees_are_asked(other: Any) -> None:
+    with pytest.raises(ValueError, match="PyCapsule"):
+        compiled.add_trees(other, blank((4, 3)), np.zeros(4))
 
 
 @pytest.mark.parametrize("arguments", [(0, (4, 5)), (9, (1, 1)), (-1, (4, 5)), (2, (4, 4))])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from grasping.segmentation.frame import Frame
+from grasping.segmentation.patch_measures import add_up_patches
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surfaces import Surfaces
 from tests.grasping.rendered_scenes import look_down, render
@@ -79,3 +80,19 @@ def test_an_empty_table_has_no_patches() -> None:
     surfaces, _ = surfaces_of([], noise=0.001)
     assert surfaces.count == 0
     assert len(surfaces.near_features) == len(surfaces.far_features) == 0
+
+
+def test_the_sums_of_a_group_are_those_of_its_patches() -> None:
+    boxes = [(-0.05, 0.0, 0.1, 0.12, 0.08), (0.05, 0.04, 0.1, 0.12, 0.14), (0.2, 0.0, 0.05, 0.05, 0.05)]
+    surfaces, _ = surfaces_of(boxes, 0.001)
+    found = surfaces.borders
+    group = np.append(0, np.random.default_rng(0).integers(1, 5, surfaces.count))
+    added = surfaces.sums.of_groups(group, found.first, found.second, found.adjoining)
+    labels = group.astype(np.int32)[surfaces.labels]
+    image, relief = surfaces.image, surfaces.relief
+    assert relief is not None
+    pixels = (surfaces.fits, surfaces.positions, labels, int(group.max()), surfaces.edge, surfaces.height)
+    expected = add_up_patches(image, *pixels, surfaces.table, relief.above, relief.noise)
+    np.testing.assert_allclose(added.sums, expected.sums, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(added.bins, expected.bins)
+    np.testing.assert_array_equal(added.sides, expected.sides)
