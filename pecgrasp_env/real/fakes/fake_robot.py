@@ -1,0 +1,182 @@
+"""A whole stand-in: a UR controller with a Robotiq gripper, all its sockets, and the clock that drives them."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pecgrasp_env.real.fakes import dashboard_server, rtde_server, script_server
+from pecgrasp_env.real.fakes.controller import CB3, Controller, Version
+from pecgrasp_env.real.fakes.network import LineConnection, Network
+from pecgrasp_env.real.fakes.plant import Plant
+from pecgrasp_env.real.fakes.robotiq_server import FakeRobotiq, RobotiqConnection
+from pecgrasp_env.real.robotiq import PORT as GRIPPER_PORT
+
+BENCH_PORT = 30100  # of no vendor: faults are provoked and the plant's truth is asked for here
+
+
+class FakeRobot:
+    """Serves a plant on a host's ports until it is told to stop.
+
+    Args:
+        plant: what moves.
+        host: an address of this machine; each of 127.0.0.1, 127.0.0.2 … has all ports to itself.
+        version: of the controller's software; major 3 is a CB3, 5 an e-Series.
+        model: what the dashboard calls the arm.
+        active: whether the gripper has been activated already.
+        pace: simulated seconds a second, at most; a plant that cannot keep up slows the controller's clock down.
+
+    Raises OSError where a port is taken.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        host: str = "127.0.0.1",
+        version: Version = CB3,
+        model: str = "UR5",
+        *,
+        active: bool = False,
+        pace: float = 1.0,
+    ) -> None:
+        self.plant = plant
+        self.gripper = FakeRobotiq(active)
+        self.controller = Controller(plant, self.gripper, version)
+        self.network = Network(host)
+        self.bench = Network(host)  # which no fault of the cable touches
+        self.at_rest_since: float | None = None
+        self.fault_at: float | None = None
+        self._pace = pace
+        self._stopped = False
+        controller = self.controller
+        self.network.listen(rtde_server.PORT, lambda n, c: rtde_server.RtdeConnection(n, c, controller))
+        self.network.listen(
+            dashboard_server.PORT, lambda n, c: dashboard_server.DashboardConnection(n, c, controller, model)
+        )
+        for port in script_server.PORTS:
+            self.network.listen(port, lambda n, c: script_server.ScriptConnection(n, c, controller))
+        self.network.listen(GRIPPER_PORT, lambda n, c: RobotiqConnection(n, c, self.gripper))
+        self.bench.listen(BENCH_PORT, lambda n, c: BenchConnection(n, c, self))
+
+    def run(self, on_step: Callable[[], None] | None = None) -> None:
+        """Until `stop`, at the bench or from ``on_step``, which is called once a period."""
+        due = time.monotonic()
+        try:
+            while not self._stopped:
+                due = max(due + self.controller.period / self._pace, time.monotonic())
+                self.bench.serve(0.0)
+                self.network.serve(due)
+                self.controller.tick()
+                self._note_rest()
+                for connection in self.network.connections:
+                    if isinstance(connection, rtde_server.RtdeConnection):
+                        connection.publish()
+                if on_step is not None:
+                    on_step()
+        finally:
+            self.network.close()
+            self.bench.close()
+
+    def stop(self) -> None:
+        self._stopped = True
+
+    def _note_rest(self) -> None:
+        still = float(np.abs(self.controller.measured_rates).max()) < AT_REST_RAD_S
+        if not still:
+            self.at_rest_since = None
+        elif self.at_rest_since is None:
+            self.at_rest_since = self.controller.time
+
+    def provoke(self, fault: str) -> None:
+        """One of FAULTS, from now on. Raises KeyError for another."""
+        act = FAULTS[fault]
+        self.fault_at = self.controller.time
+        act(self)
+
+
+AT_REST_RAD_S = 0.02  # slower than this no joint moves visibly
+
+
+def _local(robot: FakeRobot) -> None:
+    robot.controller.remote = False
+    robot.controller.stop_program()
+
+
+def _cable(attribute: str, value: Any) -> Callable[[FakeRobot], None]:
+    return lambda robot: setattr(robot.network, attribute, value)
+
+
+def _mended(robot: FakeRobot) -> None:
+    robot.network.lag, robot.network.cut, robot.network.silent = 0.0, False, False
+    robot.controller.protective = robot.controller.emergency = robot.gripper.stuck = False
+    robot.controller.remote = True
+
+
+FAULTS: dict[str, Callable[[FakeRobot], None]] = {
+    "protective_stop": lambda robot: robot.controller.protective_stop(),
+    "emergency_stop": lambda robot: robot.controller.emergency_stop(),
+    "connection_silent": _cable("silent", True),  # the cable is pulled
+    "connection_closed": lambda robot: robot.network.drop(),
+    "program_stopped": lambda robot: robot.controller.stop_program(),  # somebody pressed stop on the pendant
+    "local_mode": _local,
+    "lag": _cable("lag", 0.05),
+    "cut": _cable("cut", True),
+    "gripper_reset": lambda robot: robot.gripper.write({"ACT": 0}),
+    "gripper_stuck": lambda robot: setattr(robot.gripper, "stuck", True),
+    "gripper_fault": lambda robot: robot.gripper.fail(8),
+    "none": _mended,
+}
+
+
+class BenchConnection(LineConnection):
+    """Lines of JSON: {"fault": name}, {"ask": "state"}, {"ask": "depth"}, {"ask": "stop"}."""
+
+    def __init__(self, network: Network, client: socket.socket, robot: FakeRobot) -> None:
+        super().__init__(network, client)
+        self._robot = robot
+
+    def answer(self, line: str) -> bytes:
+        return (json.dumps(self._answer(json.loads(line))) + "\n").encode()
+
+    def _answer(self, wish: dict[str, Any]) -> dict[str, Any]:
+        robot = self._robot
+        if "fault" in wish:
+            if wish["fault"] not in FAULTS:
+                return {"error": f"no fault {wish['fault']!r}; there are {', '.join(FAULTS)}"}
+            robot.provoke(wish["fault"])
+        if wish.get("ask") == "stop":
+            robot.stop()
+        if wish.get("ask") == "depth":
+            return self._frame()
+        controller = robot.controller
+        return {
+            "time": controller.time,
+            "fault_at": robot.fault_at,
+            "at_rest_since": robot.at_rest_since,
+            "q": [float(each) for each in controller.measured],
+            "opening": float(robot.plant.opening),
+            "program": controller.program is not None,
+            "clients": len(robot.network.connections),
+            **robot.plant.report(),
+        }
+
+    def _frame(self) -> dict[str, Any]:
+        try:
+            image = self._robot.plant.grab()
+        except ValueError as error:
+            return {"error": str(error)}
+        packed = io.BytesIO()
+        np.save(packed, image.depth)
+        K = image.intrinsics
+        return {
+            "time": self._robot.controller.time,
+            "intrinsics": [K.width, K.height, K.fx, K.fy, K.cx, K.cy],
+            "depth": base64.b64encode(packed.getvalue()).decode(),
+        }

@@ -1,0 +1,58 @@
+"""What a stand-in moves. The plain one is a set of joints that follow exactly; the simulated robot is another."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from pecgrasp_env.real.interfaces import DepthImage
+from pecgrasp_env.robot.gripper_linkage import STROKE
+from pecgrasp_env.robot.kinematics import HOME
+
+
+class Plant(Protocol):
+    """period: s of one step. q: (6,) rad and opening: m, both measured."""
+
+    period: float
+
+    @property
+    def q(self) -> np.ndarray: ...
+
+    @property
+    def opening(self) -> float: ...
+
+    def step(self, q: np.ndarray, opening: float, force: float) -> None:
+        """One period with these joint targets (6,) rad, opening target m, and grip force N."""
+
+    def grab(self) -> DepthImage:
+        """What the wrist camera sees. Raises ValueError where there is none."""
+
+    def report(self) -> dict[str, object]:
+        """What only the plant knows, such as whether the right object is up."""
+
+
+class FollowingJoints:
+    """Joints and fingers that are where they are told to be; fingers stop at ``between``, m, a thing between them."""
+
+    def __init__(self, period: float = 0.008, between: float = 0.0) -> None:
+        self.period = period
+        self.between = between
+        self._q, self._opening = HOME.copy(), STROKE
+
+    @property
+    def q(self) -> np.ndarray:
+        return self._q
+
+    @property
+    def opening(self) -> float:
+        return self._opening
+
+    def step(self, q: np.ndarray, opening: float, force: float) -> None:
+        self._q, self._opening = np.array(q), max(opening, self.between)
+
+    def grab(self) -> DepthImage:
+        raise ValueError("joints alone have no camera: fake-robot scene=simulated has one")
+
+    def report(self) -> dict[str, object]:
+        return {}
