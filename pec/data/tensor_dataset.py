@@ -24,23 +24,27 @@ __all__ = ["PreparedClouds", "prepare"]
 @dataclass(frozen=True)
 class PreparedClouds:
     """candidates (n, K, 3) float32, valid (n, K) bool, labels (n,) int64: what `Preprocess.arrange` takes. instances
-    (n,) int64: as `CloudDataset` has them."""
+    and things (n,) int64: as `CloudDataset` has them."""
 
     candidates: torch.Tensor
     valid: torch.Tensor
     labels: torch.Tensor
     instances: torch.Tensor
+    things: torch.Tensor
 
     def __len__(self) -> int:
         return len(self.labels)
 
     def subset(self, indices: np.ndarray | torch.Tensor) -> PreparedClouds:
         index = torch.as_tensor(indices)
-        return PreparedClouds(self.candidates[index], self.valid[index], self.labels[index], self.instances[index])
+        return PreparedClouds(*(part[index] for part in self._parts))
 
     def to(self, device: torch.device) -> PreparedClouds:
-        parts = (self.candidates, self.valid, self.labels, self.instances)
-        return PreparedClouds(*(part.to(device) for part in parts))
+        return PreparedClouds(*(part.to(device) for part in self._parts))
+
+    @property
+    def _parts(self) -> tuple[torch.Tensor, ...]:
+        return self.candidates, self.valid, self.labels, self.instances, self.things
 
     def of_known(self, n_classes: int) -> PreparedClouds:
         """Without strangers: the clouds whose label is one of the first `n_classes`."""
@@ -90,7 +94,8 @@ def prepare(
 def _prepared(arrays: dict[str, np.ndarray], dataset: CloudDataset) -> PreparedClouds:
     candidates = torch.from_numpy(arrays["candidates"])
     valid = torch.arange(candidates.shape[1])[None] < torch.from_numpy(arrays["counts"])[:, None]
-    return PreparedClouds(candidates, valid, torch.from_numpy(dataset.labels), torch.from_numpy(dataset.instances))
+    named = (torch.from_numpy(array) for array in (dataset.labels, dataset.instances, dataset.things))
+    return PreparedClouds(candidates, valid, *named)
 
 
 def _key(dataset: CloudDataset, preprocess: Preprocess, removed: float, seed: int) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from pec.known.evidence import SCORES, Answers, Prototypes, log_size, scores
+from pec.known.knowing import logistic
 
-__all__ = ["find_prototypes", "fit_known"]
+__all__ = ["find_prototypes", "fit_known", "known_of_unseen"]
 
 _PROTOTYPES = 32  # of a class
 _ROUNDS = 20
+_FOLDS = 5
 _SHRINKAGE = 0.1  # of a covariance, towards a multiple of the identity
 _SIZE_FLOOR = 0.05  # standard deviation of a log spread that even instances all alike are granted
 # Strength of the ridge on each weight. What the network says of strangers is judged on the kinds that it learnt from,
@@ -68,6 +70,32 @@ def fit_known(
     bounds = [(None, 0.0)] * len(SCORES) + [(None, None)]
     found = minimize(loss, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=bounds).x
     return centre, unit, found[:-1], float(found[-1])
+
+
+def known_of_unseen(
+    prototypes: Prototypes, answers: Answers, stranger: np.ndarray, things: np.ndarray, seed: int = 0
+) -> np.ndarray:
+    """(k,) probabilities of the known of clouds (n,), in their order, each by a model fitted without its thing.
+
+    A model is surer of the things that it was fitted on than of others: a threshold on these refuses too many. stranger
+    as in `fit_known`; things (n,): what is on one side of a fold. Of a single known thing, or a single stranger, there
+    are no folds, and the model has seen it.
+    """
+    rng = np.random.default_rng(seed)
+    fold = np.empty(len(stranger), np.int64)
+    n_folds = _FOLDS
+    for side in (stranger, ~stranger):
+        names, place = np.unique(things[side], return_inverse=True)
+        n_folds = min(n_folds, len(names))
+        fold[side] = rng.permutation(len(names))[place.reshape(-1)]
+    fold %= n_folds
+    known = np.empty(len(stranger))
+    for number in range(n_folds):
+        left_out = fold == number
+        rest = np.flatnonzero(~left_out if n_folds > 1 else left_out)
+        model = fit_known(prototypes, answers[rest], stranger[rest], things[rest])
+        known[left_out] = logistic(scores(answers[left_out], prototypes), *model)
+    return known[~stranger]
 
 
 def _whitening(residuals: np.ndarray) -> np.ndarray:

@@ -11,9 +11,9 @@ import torch
 from pec.checkpoint import Checkpoint
 from pec.data.tensor_dataset import PreparedClouds
 from pec.known.enrolled import fit_nearness
-from pec.known.evidence import SCORES, Answers, answers_of, described, scores
-from pec.known.fit import find_prototypes, fit_known
-from pec.known.knowing import Knowing, logistic
+from pec.known.evidence import SCORES, Answers, answers_of, described
+from pec.known.fit import find_prototypes, fit_known, known_of_unseen
+from pec.known.knowing import Knowing
 from pec.metrics import UNSEEN_REJECTED, area_under_roc, arrange_views, rejection_threshold
 from pec.networks.registry import fast_embed
 from pec.training.run_data import RunData
@@ -25,7 +25,8 @@ _BATCH = 512  # clouds at once: bounds memory, changes no result
 
 def with_knowing(checkpoint: Checkpoint, data: RunData) -> Checkpoint:
     """The checkpoint with `knowing` and the threshold that 95 in 100 clouds of the calibration split's known things
-    pass; of fewer than 19 such clouds all do, and an even chance is enough."""
+    pass, judged by models that were fitted without them; of fewer than 19 such clouds all do, and an even chance is
+    enough."""
     n_known = len(checkpoint.classes)
     trained = data.training.of_known(n_known)
     seen, unseen = answers_on(checkpoint, trained), answers_on(checkpoint, data.calibration)
@@ -33,7 +34,7 @@ def with_knowing(checkpoint: Checkpoint, data: RunData) -> Checkpoint:
     stranger = (data.calibration.labels >= n_known).cpu().numpy()
     instances = data.calibration.instances.cpu().numpy()
     model = fit_known(prototypes, unseen, stranger, instances)
-    of_known = logistic(scores(unseen[~stranger], prototypes), *model)
+    of_known = known_of_unseen(prototypes, unseen, stranger, data.calibration.things.cpu().numpy())
     threshold = rejection_threshold(torch.from_numpy(of_known), UNSEEN_REJECTED) or min(0.5, of_known.min().item())
     # Rather things that training has not seen; of things that are there once only, whole classes.
     descriptors, things = next(

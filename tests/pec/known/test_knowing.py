@@ -6,7 +6,7 @@ import torch
 
 from pec.known.enrolled import Nearness
 from pec.known.evidence import SCORES, Answers, scores
-from pec.known.fit import find_prototypes, fit_known
+from pec.known.fit import find_prototypes, fit_known, known_of_unseen
 from pec.known.knowing import Knowing, logistic
 from pec.known.shape_distribution import describe_cloud, reference
 from pec.metrics import area_under_roc
@@ -99,3 +99,38 @@ def test_area_under_the_curve_of_known_cases():
     assert area_under_roc(np.array([0.1]), np.array([0.9])) == 0.0
     assert area_under_roc(np.array([0.5, 0.5]), np.array([0.5])) == 0.5
     assert area_under_roc(np.array([0.4, 0.9]), np.array([0.5, 0.9])) == pytest.approx((0.5 + 1) / 4)
+
+
+def _unseen(rng, things, n_known):
+    """Clouds of things that lie about 0 in twenty features, those from `n_known` on, strangers, about 3."""
+    centres = rng.normal(size=(things.max() + 1, 20))
+    centres[n_known:] += 3
+    features = centres[things] + rng.normal(scale=0.1, size=(len(things), 20))
+    logits = rng.normal(scale=0.1, size=(len(things), 1, 2))
+    return Answers(logits, features, np.abs(rng.normal(0.1, 0.01, size=(len(things), 37))), 2)
+
+
+def test_each_cloud_is_judged_by_a_model_that_was_fitted_without_its_thing():
+    rng = np.random.default_rng(0)
+    prototypes = find_prototypes(_unseen(rng, np.arange(200), 200), np.arange(200) % 2)
+    things = np.repeat(np.arange(12), 6)
+    answers, stranger = _unseen(rng, things, 6), things >= 6
+    known = known_of_unseen(prototypes, answers, stranger, things)
+    assert known.shape == (36,)
+    changed = Answers(answers.logits, answers.features.copy(), answers.descriptors, 2)
+    changed.features[:6] += 5.0  # thing 0: models of the other folds have seen it, its own has not
+    others = known_of_unseen(prototypes, changed, stranger, things)
+    assert (others[:6] < known[:6]).all()
+    assert np.abs(others[6:] - known[6:]).max() > 1e-4
+    model = fit_known(prototypes, answers, stranger, things)
+    assert known.mean() < logistic(scores(answers[~stranger], prototypes), *model).mean()
+
+
+def test_a_single_known_thing_is_judged_by_the_model_that_has_seen_it():
+    rng = np.random.default_rng(1)
+    prototypes = find_prototypes(_unseen(rng, np.arange(100), 100), np.arange(100) % 2)
+    things = np.repeat([0, 1, 2, 3], 5)
+    answers, stranger = _unseen(rng, things, 1), things > 0
+    model = fit_known(prototypes, answers, stranger, things)
+    known = known_of_unseen(prototypes, answers, stranger, things)
+    assert known == pytest.approx(logistic(scores(answers[:5], prototypes), *model))
