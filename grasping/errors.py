@@ -7,6 +7,10 @@ class CloudError(ValueError):
     """A point cloud that cannot be used: wrong shape, not finite, too few points, not in metres."""
 
 
+class ModelError(ValueError):
+    """A mesh that cannot be the model of an object: not readable, no volume, another unit, there twice."""
+
+
 class ConfigError(ValueError):
     """A parameter that makes no sense: names it and its value."""
 
