@@ -167,8 +167,8 @@ def _wound(vertices: FloatArray, faces: FaceArray) -> tuple[FaceArray, NDArray[n
             for face, kind in zip(seen[1:].tolist(), kinds.tolist(), strict=True):
                 turn[face] = turn[before[face]] ^ (kind == 2)
     # Outwards as seen from the part's own middle, so that it holds for an open shell, too.
-    middle = np.stack([np.bincount(part, corners.mean(axis=1)[:, k], n_parts) for k in range(3)], axis=1)
-    middle /= np.bincount(part, minlength=n_parts)[:, None]
+    middles = np.stack([np.bincount(part, corners.mean(axis=1)[:, k], n_parts) for k in range(3)], axis=1)
+    middle = np.asarray(middles / np.bincount(part, minlength=n_parts)[:, None], np.float64)
     local = corners - middle[part][:, None]
     six = np.einsum("ij,ij->i", local[:, 0], np.cross(local[:, 1], local[:, 2])) * np.where(turn, -1, 1)
     turn ^= (np.bincount(part, six, n_parts) < 0)[part]
