@@ -12,6 +12,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS: dict[str, tuple[str | None, str]] = {
     "plan": (None, "grasps on a cloud, a depth frame or a folder of them"),
     "segment": (None, "cut a cloud or a depth frame into objects"),
+    "calibrate": ("calibrate", "where the camera is, by a printed board"),
     "generate": ("sim", "labelled clouds of objects, as the robot sees them"),
     "generate-scenes": ("sim", "labelled frames of crowded tables, for the segmenter"),
     "train": ("learn", "a classifier"),
@@ -35,6 +36,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
 
 # What the extras of pyproject.toml bring, by import name.
 EXTRAS = {
+    "calibrate": ("cv2",),
     "segmenter": ("torch", "tqdm", "mani_skill", "sapien", "sklearn"),
     "learn": ("torch", "safetensors", "tqdm", "tensorboard"),
     "onnx": ("torch", "safetensors", "onnx", "onnxscript", "onnxruntime"),

@@ -102,6 +102,15 @@ install_opencv_libraries() {
     .venv/bin/python -c 'import cv2' || die "OpenCV still does not load: see the message above"
 }
 
+# The camera's library leaves USB to the system; without it, what needs a camera says so, and its tests are left out.
+install_usb_library() {
+    if is_root && has_apt; then
+        (apt_install "the camera's library misses a system library" libusb-1.0-0) || say "that failed"
+    else
+        say "pyrealsense2 does not load without libusb-1.0-0"
+    fi
+}
+
 # What the environment and the kernels in it were made from; a change makes them anew.
 kernels() { echo "$(cat setup.py csrc/* {grasping/curvature_planner,grasping/segmentation,pec/preprocessing}/csrc/* | sha256sum | cut -c1-16) $(command -v gcc)"; }
 wanted="$(sha256sum pyproject.toml | cut -c1-16) ${TORCH:-torch==2.13.0} $PWD"
@@ -122,4 +131,5 @@ elif [ "$(cat .venv/.pecgrasp_kernels 2>/dev/null)" != "$(kernels)" ]; then
     say_without_kernels
 fi
 .venv/bin/python -c 'import cv2' 2>/dev/null || install_opencv_libraries
+.venv/bin/python -c 'import pyrealsense2' 2>/dev/null || install_usb_library
 .venv/bin/python -m pecgrasp_env.common.doctor --quiet || install_driver

@@ -1,0 +1,1 @@
+"""Depth cameras: a RealSense, and frames that were recorded as files or in a ROS bag."""

@@ -1,0 +1,60 @@
+"""Where the camera is mounted: a file that calibration writes and that takes the place of the bracket's drawing.
+
+parent: tool0                # or base: a camera that stands beside the robot
+T_tool0_camera:              # maps points of the camera's frame (x right, y down, z forward) into tool0's, metres
+  - [r11, r12, r13, x]
+  …
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PARENTS = ("tool0", "base")
+_FARTHEST_M = {"tool0": 0.5, "base": 5.0}
+
+
+class MountError(ValueError):
+    """A file from which no camera's place can be read; the message names it and the way out."""
+
+
+def read_mount(path: str | Path, parent: str = "tool0") -> np.ndarray:
+    """T_tool0_camera (4, 4), or T_base_camera with ``parent="base"``. Raises MountError."""
+    import yaml
+
+    key = f"T_{parent}_camera"
+    try:
+        stored = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise MountError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+    if not isinstance(stored, Mapping) or key not in stored:
+        held = ", ".join(map(str, stored)) if isinstance(stored, Mapping) else type(stored).__name__
+        raise MountError(f"{path}: holds {held}, and no {key}: `pecgrasp calibrate` writes it")
+    try:
+        T = np.asarray(stored[key], float)
+    except (TypeError, ValueError) as error:
+        raise MountError(f"{path}: {key}: {error}: four rows of four numbers") from error
+    if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-6:
+        raise MountError(
+            f"{path}: {key} of shape {T.shape} is no transform: four rows of four numbers, the last 0 0 0 1"
+        )
+    R = T[:3, :3]
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
+        raise MountError(f"{path}: {key}: its turn is no rotation")
+    if np.linalg.norm(T[:3, 3]) > _FARTHEST_M[parent]:
+        raise MountError(f"{path}: {key} puts the camera {np.linalg.norm(T[:3, 3]):.3g} m away: metres are wanted")
+    return T
+
+
+def write_mount(path: Path, parent: str, T: np.ndarray, about: Mapping[str, Any]) -> None:
+    """What `read_mount` reads; about: plain values, such as how it was found."""
+    if parent not in PARENTS:
+        raise MountError(f"parent={parent!r}: one of {', '.join(PARENTS)}")
+    lines = [f"parent: {parent}", f"T_{parent}_camera:"]
+    lines += ["  - [" + ", ".join(f"{value + 0.0:.9f}" for value in row) + "]" for row in T]
+    lines += [f"{name}: {value}" for name, value in about.items()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
