@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.group_features import OF_GROUP, group_features
 from grasping.segmentation.grouping import Grouping, probability
-from grasping.segmentation.surfaces import Surfaces
+from grasping.segmentation.surfaces import WHOLE_RATHER, Surfaces
 from grasping.segmentation.working_image import ALIKE, WorkingImage
 
 FloatArray = NDArray[np.float64]
@@ -49,9 +49,12 @@ class PatchGroups:
     whole: FloatArray
 
 
-def group_patches(surfaces: Surfaces, relations: Relations) -> PatchGroups:
-    """Group the patches of an image; specks, and scraps that are surely no whole thing, go with what they adjoin."""
-    grouping = surfaces.group(relations).without_specks(surfaces.measures.pixels)
+def group_patches(surfaces: Surfaces, relations: Relations, whole_rather: float = WHOLE_RATHER) -> PatchGroups:
+    """Group the patches of an image; specks, and scraps that are surely no whole thing, go with what they adjoin.
+
+    whole_rather: as `Segmenter` takes it.
+    """
+    grouping = surfaces.group(relations, whole_rather).without_specks(surfaces.measures.pixels)
     groups = _described(surfaces, grouping, relations)
     pixels = groups.features[:, OF_GROUP.index("pixels")]
     scraps = np.flatnonzero((pixels > 0) & (pixels < SCRAP) & (groups.whole < SURELY_NO_WHOLE))
@@ -67,13 +70,18 @@ def _described(surfaces: Surfaces, grouping: Grouping, relations: Relations) -> 
 
 
 def group_by_surfaces(
-    image: WorkingImage, valid: NDArray[np.bool_], plane: FloatArray | None, max_height: float, relations: Relations
+    image: WorkingImage,
+    valid: NDArray[np.bool_],
+    plane: FloatArray | None,
+    max_height: float,
+    relations: Relations,
+    whole_rather: float,
 ) -> SurfaceGroups:
     """Group the points of an image. valid: (N,) of its points. plane: (4,) of the table. max_height: m above it, over
-    which nothing is looked at.
+    which nothing is looked at. whole_rather: as `Segmenter` takes it.
     """
     surfaces = Surfaces(image, plane, max_height)
-    groups = group_patches(surfaces, relations)
+    groups = group_patches(surfaces, relations, whole_rather)
     above, table, noise = None, None, 0.0
     if surfaces.relief is not None:
         table, noise = surfaces.relief.table, surfaces.relief.noise

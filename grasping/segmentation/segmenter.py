@@ -20,7 +20,7 @@ from grasping.segmentation.object_rules import Limits, ObjectRules, Sorted, Tabl
 from grasping.segmentation.planes import Plane, fit_all
 from grasping.segmentation.published import PublishedSegmenter
 from grasping.segmentation.scene import Cut, Rejected, Scene
-from grasping.segmentation.surfaces import Surfaces
+from grasping.segmentation.surfaces import MOST_SURE, WHOLE_RATHER, Surfaces
 from grasping.segmentation.trained import trained_relations
 from grasping.segmentation.working_image import WorkingImage
 from grasping.validation import FARTHEST, unit_vector
@@ -52,6 +52,8 @@ class Segmenter:
     max_extent: larger clusters are no objects for a hand, m. max_height: points higher above the table are left out, m.
     least_thing: how sure the trees must be, in [0, 1], that a low cluster is a thing, neither a wrinkle of the table
         nor a scrap.
+    whole_rather: log odds by which two surfaces that adjoin rather are of one object: 0 as the trees say, more joins
+        more, less cuts more, as suits a heap from which one thing is taken: two in one cost more there than a half.
     relations: file of `pecgrasp train-segmenter`, of another camera's trees; None: the package's own.
     seed: of RANSAC's draws; the same input gives the same scene.
     """
@@ -69,6 +71,7 @@ class Segmenter:
         max_extent: float = 0.45,
         max_height: float = 0.45,
         least_thing: float = 0.5,
+        whole_rather: float = WHOLE_RATHER,
         relations: str | Path | None = None,
         seed: int = 0,
     ) -> None:
@@ -84,6 +87,7 @@ class Segmenter:
             ("max_extent", max_extent, 0.01, 100.0),
             ("max_height", max_height, 0.01, 100.0),
             ("least_thing", least_thing, 0.0, 1.0),
+            ("whole_rather", whole_rather, -MOST_SURE, MOST_SURE),
         ):
             require_between(name, value, least, most)
         self.depth_range = depth_range
@@ -96,6 +100,7 @@ class Segmenter:
         self.max_extent = max_extent
         self.max_height = max_height
         self.least_thing = least_thing
+        self.whole_rather = whole_rather
         self.relations = None if relations is None else Path(relations)
         self.seed = seed
 
@@ -175,7 +180,7 @@ class Segmenter:
         self, frame: Frame, image: WorkingImage, seen: _Seen, plane: Plane | None, height: NDArray | None
     ) -> Scene:
         equation = None if plane is None else plane.equation
-        groups = group_by_surfaces(image, seen.steady, equation, self.max_height, self._relations)
+        groups = group_by_surfaces(image, seen.steady, equation, self.max_height, self._relations, self.whole_rather)
         tabletop, table = None, np.empty(0, dtype=np.int64)
         if plane is not None and height is not None and groups.above_table is not None:
             level = np.abs(height) <= plane.band

@@ -107,9 +107,9 @@ class Surfaces:
         sums = self.sums.of_groups(grouping.group, grouping.first, grouping.second, adjoining)
         return measures_of(sums, with_table=self.relief is not None)
 
-    def group(self, relations: Relations) -> Grouping:
-        """Say which patches are of one object."""
-        near = np.clip(relations.near.log_odds(self.near_features) + WHOLE_RATHER, -MOST_SURE, MOST_SURE)
+    def group(self, relations: Relations, whole_rather: float = WHOLE_RATHER) -> Grouping:
+        """Say which patches are of one object. whole_rather: log odds by which any two that adjoin rather are."""
+        near = np.clip(relations.near.log_odds(self.near_features) + whole_rather, -MOST_SURE, MOST_SURE)
         near = np.where(stand_apart(self.near_features), np.minimum(near, APART), near)
         far = np.clip(relations.far.log_odds(self.far_features), -MOST_SURE, MOST_SURE)
         first = np.concatenate([self.borders.first, self.far_first])

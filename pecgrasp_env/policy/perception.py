@@ -24,12 +24,14 @@ class View:
     """What one depth frame shows, in the base frame.
 
     objects: not yet classified. clouds: their points (M, 3) float32 in the camera frame, which classifiers take.
+    pixels: (M,) of these points in the frame, row by row.
     plane: the table (4,) as n · p + d = 0, or None. obstacles: (K, 3) of what is no object but could be hit.
     """
 
     observation: RobotObservation
     objects: list[SeenObject]
     clouds: list[np.ndarray]
+    pixels: list[np.ndarray]
     plane: np.ndarray | None
     obstacles: np.ndarray
 
@@ -87,7 +89,7 @@ def look(observation: RobotObservation, segmenter: Segmenter) -> View:
         normal = T[:3, :3] @ scene.plane[:3]
         plane = np.append(normal, scene.plane[3] - normal @ T[:3, 3])
     obstacles = np.concatenate([np.zeros((0, 3)), *(_moved(T, points) for points in scene.obstacles)])
-    return View(observation, objects, list(scene.objects), plane, obstacles)
+    return View(observation, objects, list(scene.objects), list(scene.indices), plane, obstacles)
 
 
 def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look
 from pecgrasp_env.policy.planned_pick import PlannedPick
-from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, merge
+from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, cut_where_trusted, merge
 from pecgrasp_env.robot.kinematics import UP
 
 NOT_FOUND = "not found"
@@ -25,6 +26,8 @@ _LIKELY_KNOWN = 0.5  # from which an object is of a class where the classifier h
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
+_TRUSTED = 0.7  # from which nobody asks whether it is several
+_CUTTING = (-1.5, -3.0)  # `whole_rather` of a `Segmenter`, by which what cannot be trusted is cut, and once more
 _HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
 
 
@@ -56,10 +59,30 @@ class PickPlanner:
         self._log = log
 
     def look(self, observation: RobotObservation, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
-        """The objects of one depth frame, classified and joined with those known, and what else the frame shows."""
+        """The objects of one depth frame, classified and joined with those known, and what else the frame shows.
+
+        What the segmenter may have taken for one, or the classifier for none of its classes, is cut more finely, and
+        the pieces count where one of them can be trusted more than the whole: what two things in one look like, the
+        classifier does not know.
+        """
         _ = observation.frame  # a simulated camera renders it only now, and that is not part of segmenting
+        view = self._classified(observation, self._segmenter)
+        seen, pixels = view.objects, view.pixels
+        for whole_rather in _CUTTING if isinstance(self._segmenter, Segmenter) else ():
+            if all(each.trust >= _TRUSTED for each in seen):
+                break
+            cutting = copy(self._segmenter)
+            cutting.whole_rather = whole_rather
+            finer = self._classified(observation, cutting)
+            seen, pixels = cut_where_trusted(seen, pixels, finer.objects, finer.pixels)
+        objects = merge(known, seen)
+        self._log.views += 1
+        self._log.objects = objects
+        return objects, view
+
+    def _classified(self, observation: RobotObservation, segmenter: Segmenter) -> View:
         with self._log.timed("segment"):
-            view = look(observation, self._segmenter)
+            view = look(observation, segmenter)
         with self._log.timed("classify"):
             if self._classifier is None:
                 answers = [{self._target: 1.0} for _ in view.clouds]
@@ -67,20 +90,18 @@ class PickPlanner:
                 answers = class_probabilities(self._classifier, view.clouds)
             for seen, answer in zip(view.objects, answers, strict=True):
                 seen.evidence += [answer] if answer else []
-        objects = merge(known, view.objects)
-        self._log.views += 1
-        self._log.objects = objects
-        return objects, view
+        return view
 
     def likeliest(self, objects: list[SeenObject]) -> int | None:
-        """The object that is likeliest of the asked-for class; of equals the first, which is the largest."""
+        """The object that is likeliest one whole object of the asked-for class; of equals the first, the largest."""
         best, index = 0.0, None
+        self._log.confidence = 0.0
         for k, seen in enumerate(objects):
             if not seen.touches_border and seen.evidence:
                 probability = seen.probabilities().get(self._target, 0.0)
-                if probability > best:
-                    best, index = probability, k
-        self._log.confidence = best
+                if probability * seen.certainty > best:
+                    best, index = probability * seen.certainty, k
+                    self._log.confidence = probability
         return index
 
     def choose(self, objects: list[SeenObject]) -> int | None:

@@ -63,12 +63,19 @@ class SeenObject:
         odds = np.clip(strange, _LEAST, 1.0 - _LEAST)
         return float(1.0 / (1.0 + np.exp(np.mean(np.log(odds / (1.0 - odds))))))
 
+    @property
+    def trust(self) -> float:
+        """In [0, 1], how likely it is one whole object of one of the classes: both the segmenter and the classifier say
+        so, and what the classifier knows was hardly cut wrongly.
+        """
+        return self.certainty * self.known
+
 
 def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
     """Objects of a new view joined with those already known: the same place is the same object; its points add up.
 
-    Where one view tells apart what is one object in the other, the surer view is right, and of equals that which tells
-    apart.
+    Where one view tells apart what is one object in the other, that view is right of which one object can be trusted
+    most, and of equals that which tells apart.
     """
     shares = np.array([[_shared(old, new) for new in seen] for old in known]).reshape(len(known), len(seen), 2)
     of_old, of_new = shares[..., 0], shares[..., 1]
@@ -76,14 +83,14 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
     for i in range(len(known)):
         pieces = np.flatnonzero(of_new[i] > _MOSTLY)
         if len(pieces) > 1:
-            if known[i].certainty > max(seen[j].certainty for j in pieces):
+            if known[i].trust > max(seen[j].trust for j in pieces):
                 left_out_new[pieces] = True
             else:
                 left_out_old[i] = True
     for j in range(len(seen)):
         pieces = np.flatnonzero((of_old[:, j] > _MOSTLY) & ~left_out_old)
         if len(pieces) > 1 and not left_out_new[j]:
-            if seen[j].certainty > max(known[i].certainty for i in pieces):
+            if seen[j].trust > max(known[i].trust for i in pieces):
                 left_out_old[pieces] = True
             else:
                 left_out_new[j] = True
@@ -104,6 +111,31 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
         old.viewpoints, old.unseen = np.concatenate([old.viewpoints, new.viewpoints]), new.unseen
         old.certainty = max(old.certainty, new.certainty)
     return result + [new for new, gone in zip(seen, joined, strict=True) if not gone]
+
+
+def cut_where_trusted(
+    objects: list[SeenObject], pixels: Sequence[np.ndarray], pieces: list[SeenObject], of_pieces: Sequence[np.ndarray]
+) -> tuple[list[SeenObject], list[np.ndarray]]:
+    """The objects of a frame, each in pieces where a finer cut of the same frame finds one in it that can be trusted
+    more; and their pixels. pixels, of_pieces: (M,) of each object and of each piece.
+    """
+    owner = np.full(1 + max((int(each.max()) for each in (*pixels, *of_pieces)), default=0), -1)
+    for k, each in enumerate(pixels):
+        owner[each] = k
+    inside: list[list[int]] = [[] for _ in objects]
+    for j, each in enumerate(of_pieces):
+        counts = np.bincount(owner[each] + 1, minlength=len(objects) + 1)[1:]
+        if len(counts) and counts.max() > _MOSTLY * len(each):
+            inside[int(counts.argmax())].append(j)
+    result, their = [], []
+    for k, seen in enumerate(objects):
+        if len(inside[k]) > 1 and max(pieces[j].trust for j in inside[k]) > seen.trust:
+            result += [pieces[j] for j in inside[k]]
+            their += [of_pieces[j] for j in inside[k]]
+        else:
+            result.append(seen)
+            their.append(pixels[k])
+    return result, their
 
 
 def _shared(one: SeenObject, other: SeenObject) -> tuple[float, float]:

@@ -46,6 +46,18 @@ def test_how_sure_it_is_is_said_for_objects_and_for_the_cuts_between_neighbours(
     assert 0.5 < cut.sure <= 1
 
 
+def test_whoever_would_rather_have_pieces_than_two_in_one_may_say_so() -> None:
+    T = look_down(45.0, 0.7)
+    frame, _ = render(SIDE_BY_SIDE, T, NOISE)
+    joined, usual, cut = (
+        len(Segmenter(**kwargs).segment(frame, up=up_in(T)).objects)
+        for kwargs in ({"whole_rather": 9.0}, {}, {"whole_rather": -9.0})
+    )
+    assert joined == 1
+    assert usual == 2
+    assert cut > 2
+
+
 def test_a_heap_wider_than_any_object_is_taken_apart_and_not_left_out() -> None:
     T = look_down(40.0, 0.9)
     frame, owner = render(HEAP, T, NOISE)

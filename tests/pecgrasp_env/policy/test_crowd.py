@@ -10,8 +10,10 @@ from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.policy.crowd import floor_below, lying_on, uppermost_on, without_rim
+from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.pick_planner import PickPlanner
 from pecgrasp_env.policy.put_down import free_places, plan_put_down
-from pecgrasp_env.policy.seen_objects import SeenObject, merge
+from pecgrasp_env.policy.seen_objects import UNKNOWN, SeenObject, cut_where_trusted, merge
 from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
@@ -79,6 +81,36 @@ def test_of_two_views_that_cut_otherwise_the_surer_one_counts(certainty, count):
     parts = [seen(LOWER, 0.8), seen(UPPER, 0.8)]
     assert len(merge([heap], parts)) == count
     assert len(merge(parts, [heap])) == count
+
+
+def test_of_two_views_that_cut_otherwise_that_counts_which_the_classifier_knows():
+    heap = seen(np.concatenate([LOWER, UPPER]), 0.9, mouse=0.04, **{UNKNOWN: 0.96})
+    parts = [seen(LOWER, 0.6, mouse=0.95, **{UNKNOWN: 0.05}), seen(UPPER, 0.6, mouse=0.05, **{UNKNOWN: 0.95})]
+    assert len(merge([heap], parts)) == len(merge(parts, [heap])) == 2
+    known = seen(heap.points, 0.9, mouse=0.95, **{UNKNOWN: 0.05})
+    assert len(merge([known], parts)) == len(merge(parts, [known])) == 1
+
+
+def test_within_a_frame_a_piece_that_is_known_better_than_the_whole_has_it_cut():
+    left, right, other = np.arange(100), np.arange(100, 180), np.arange(300, 400)
+    heap, alone = seen(LOWER, 0.9, mouse=0.1, **{UNKNOWN: 0.9}), seen(UPPER, 0.9, mouse=0.9, **{UNKNOWN: 0.1})
+    pieces = [seen(LOWER_LEFT, 0.6, mouse=0.9, **{UNKNOWN: 0.1}), seen(LOWER_RIGHT, 0.6, **{UNKNOWN: 0.9})]
+    halves = [seen(UPPER, 0.5, mouse=0.9, **{UNKNOWN: 0.1})] * 2
+    of_pieces = [left, right, other[:50], other[50:]]
+    objects, pixels = cut_where_trusted(
+        [heap, alone], [np.concatenate([left, right]), other], [*pieces, *halves], of_pieces
+    )
+    assert objects == [*pieces, alone]
+    assert all(np.array_equal(one, two) for one, two in zip(pixels, [left, right, other], strict=True))
+    assert cut_where_trusted([], [], pieces, [left, right]) == ([], [])
+    assert cut_where_trusted([heap], [left], [], []) == ([heap], [left])
+
+
+def test_of_two_that_may_be_it_the_one_that_is_surely_whole_is_taken():
+    objects = [seen(LOWER, 0.5, mouse=0.95, cup=0.05), seen(UPPER, 0.8, mouse=0.9, cup=0.1), seen(TOP, 0.9, cup=1.0)]
+    log = PolicyLog()
+    assert PickPlanner(None, None, None, 0.6, "mouse", log).likeliest(objects) == 1
+    assert log.confidence == pytest.approx(0.9)
 
 
 def test_places_are_free_where_the_table_was_seen_and_nothing_stands():

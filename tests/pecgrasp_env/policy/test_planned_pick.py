@@ -88,15 +88,15 @@ def test_what_is_not_there_is_not_found_and_what_is_too_large_has_no_grasp():
 
 
 class Sees:
-    """Takes both for a brick, how surely by the view: from above unsure of either, from the side not."""
+    """Takes both for a brick. known: how surely the brick and the slab, in the view that there is."""
 
     n_points = 1
 
-    def __init__(self, *known):
-        self.views = iter(known)
+    def __init__(self, known):
+        self.known = known
 
     def predict(self, clouds):
-        of_brick, of_slab = next(self.views)
+        of_brick, of_slab = self.known
         return [self.answer(of_brick if by_size(cloud)[0] == "brick" else of_slab) for cloud in clouds]
 
     @staticmethod
@@ -112,10 +112,11 @@ def test_one_sure_view_is_enough_to_touch_and_to_say_that_nothing_is_there():
 
 
 def test_in_doubt_it_asks_for_another_view_and_joins_them():
-    policy = ScriptedPolicy(Sees((0.8, 0.02), (0.995, 0.02)))
+    policy = ScriptedPolicy(Sees((0.8, 0.02)))
     first = policy.plan_only(SCENE, INTRINSICS, CAMERA, "brick")
     assert first.chosen is not None
     assert first.doubt == "whether one of them is a brick is unsure (0.78)"
+    policy.classifier.known = (0.995, 0.02)
     second = policy.plan_only(SCENE, INTRINSICS, CAMERA, "brick", before=first)
     assert second.doubt is None
     assert [len(seen.evidence) for seen in second.objects] == [2, 2]
