@@ -26,6 +26,7 @@ _LIKELY_KNOWN = 0.5  # from which an object is of a class where the classifier h
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
+_AGREEING = 2  # views that show one thing, of which each alone is unsure
 _TRUSTED = 0.7  # from which nobody asks whether it is several
 _CUTTING = (-1.5, -3.0)  # `whole_rather` of a `Segmenter`, by which what cannot be trusted is cut, and once more
 _HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
@@ -130,6 +131,13 @@ class PickPlanner:
         """Whether more than one look is enough: the object is likely and whole, whatever others may be."""
         likely = self.choose(objects) is not None and self._log.confidence >= SURE
         return likely and self.doubt(objects) is None
+
+    def is_confirmed(self, objects: list[SeenObject]) -> bool:
+        """Whether the object that would be taken is surely a whole one, or more than one view shows it so: of another
+        object's piece one view may look like the asked-for one, hardly the next. Also where there is none to take.
+        """
+        index = self.choose(objects)
+        return index is None or objects[index].certainty >= CERTAIN or len(objects[index].evidence) >= _AGREEING
 
     def is_absent(self, objects: list[SeenObject]) -> bool:
         """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole, and

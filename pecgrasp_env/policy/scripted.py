@@ -171,6 +171,12 @@ class ScriptedPolicy:
         objects: list[SeenObject] = []
         while len(self.log.failures) < self.attempts and self.log.cleared <= _MOST_CLEARED:
             objects, views, observation = yield from self._survey(pick_planner, arm, observation, objects)
+            if not pick_planner.is_confirmed(objects):
+                self.log.failures.append(NOT_FOUND)
+                self.log.doubts.append(f"but one view shows the {self._target}, and that is unsure")
+                if self.log.failures.count(NOT_FOUND) == _MOST_SURVEYS:
+                    break
+                continue
             pick = pick_planner.decide(objects, views[-1], observation.q)
             if pick.approach is None or pick.chosen is None:
                 self.log.failures.append(str(pick.reason))

@@ -113,6 +113,15 @@ def test_of_two_that_may_be_it_the_one_that_is_surely_whole_is_taken():
     assert log.confidence == pytest.approx(0.9)
 
 
+def test_what_one_view_alone_shows_and_not_surely_is_not_touched():
+    planner = PickPlanner(None, None, None, 0.6, "mouse", PolicyLog())
+    unsure, sure = seen(LOWER, 0.6, mouse=0.95, cup=0.05), seen(LOWER, 0.8, mouse=0.95, cup=0.05)
+    assert not planner.is_confirmed([unsure])
+    assert planner.is_confirmed([sure])
+    assert planner.is_confirmed(merge([unsure], [seen(LOWER, 0.6, mouse=0.95, cup=0.05)]))
+    assert planner.is_confirmed([])
+
+
 def test_places_are_free_where_the_table_was_seen_and_nothing_stands():
     table = patch((0.3, 0.7), (-0.3, 0.3), 0.0, 0.003)
     thing = patch((0.45, 0.55), (-0.05, 0.05), 0.05)
