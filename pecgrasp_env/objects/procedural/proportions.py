@@ -12,45 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pecgrasp_env.objects.meshing.shapes import Shape, block, disc, smooth_path, tube
-from pecgrasp_env.objects.model import Color, Draft
-from pecgrasp_env.objects.procedural.colors import BLACK, BLUE, CHARCOAL, ORANGE, RED, STEEL, pick
+from pecgrasp_env.objects.model import Draft
+from pecgrasp_env.objects.procedural.further_kinds import oval_tin, ramekin, screw_clamp
 
 __all__ = ["KINDS", "Kind", "in_proportion"]
 
 Range = tuple[float, float]
 Generator = Callable[[np.random.Generator], Draft]
-
-
-def screw_clamp(rng: np.random.Generator) -> Draft:
-    """A C or F clamp, lying flat: a frame, a screw through its lower arm with a pad, a handle across the screw."""
-    reach, opening = rng.uniform(40, 70), rng.uniform(50, 130)
-    thick, broad = rng.uniform(8, 13), rng.uniform(9, 18)
-    corner = rng.choice([2.0, 14.0])  # cast frames are round, rails are not
-    knots = [(reach, opening, 0), (corner, opening + 0.3 * corner, 0), (0, opening - corner, 0), (0, corner, 0)]
-    knots += [(corner, -0.3 * corner, 0), (reach, 0, 0)]
-    frame = tube(smooth_path(knots, 36), broad, thick, exponent=5)
-    driven = rng.uniform(0.15, 0.7) * opening
-    screw = disc(rng.uniform(3.5, 6), driven + 45, 0.8, n=16).rotated("x", -90).moved(reach - 4, -45, 0)
-    pad = disc(rng.uniform(7, 11), 6, 1.0, n=20).rotated("x", -90).moved(reach - 4, driven, 0)
-    color = pick(rng, (RED, BLUE, ORANGE, BLACK, CHARCOAL, STEEL))
-    pieces: list[tuple[Shape, Color]] = [(frame, color), (screw, STEEL), (pad, STEEL)]
-    if rng.random() < 0.5:  # a bar to turn it by, or a round grip
-        bar = disc(2.8, 48, 0.8, n=12).rotated("y", 90).moved(reach - 28, -42, 0)
-        pieces.append((bar, STEEL))
-    else:
-        grip = disc(rng.uniform(9, 14), 55, 3.0, n=20).rotated("x", 90).moved(reach - 4, -35, 0)
-        pieces.append((grip, color))
-    return pieces, rng.uniform(0.12, 0.5)
-
-
-def oval_tin(rng: np.random.Generator) -> Draft:
-    """A fish tin: flat, with rounded corners, and a ring to pull."""
-    a, b, c = rng.uniform(95, 155), rng.uniform(55, 90), rng.uniform(20, 38)
-    color = pick(rng, (STEEL, RED, BLUE, ORANGE))
-    tin = block(a, b, c, min(rng.uniform(14, 30), 0.45 * b), 1.5)
-    ring = disc(9, 1.4, 0.4, n=20).without_hulls().moved(0.3 * a, 0, c)
-    return [(tin, color), (ring, STEEL)], a * b * c * 1e-6 * rng.uniform(0.7, 1.0)
 
 
 @dataclass(frozen=True)
@@ -79,15 +47,17 @@ KINDS: dict[str, tuple[Kind, ...]] = {
         Kind(0.25, (48, 85), (19, 34), (26, 48)),  # mini
     ),
     "plug_adapter": (Kind(1, (42, 85), (38, 65), (38, 75)),),
-    "can": (
-        Kind(0.3, (50, 70), (50, 70), (88, 172), equal=True),  # drinks
-        Kind(0.35, (62, 105), (62, 105), (75, 135), equal=True),  # food
-        Kind(0.2, (65, 112), (65, 112), (25, 62), equal=True),  # flat
-        Kind(0.15, (90, 155), (50, 90), (20, 40), generator=oval_tin),
+    "can": (  # they are made in few sizes: 66 by 115, 122 or 168 mm, 53 by 134; 66 or 73 by 85 to 115, 99 by 119 …
+        Kind(0.35, (52, 68), (52, 68), (88, 172), equal=True),  # drinks
+        Kind(0.25, (64, 88), (64, 88), (78, 118), equal=True),  # soup, vegetables
+        Kind(0.1, (92, 108), (92, 108), (95, 135), equal=True),  # coffee, fruit
+        Kind(0.18, (64, 110), (64, 110), (28, 60), equal=True),  # flat
+        Kind(0.12, (90, 155), (50, 90), (20, 40), generator=oval_tin),
     ),
     "box": (
-        Kind(0.35, (70, 190), (48, 125), (14, 42)),  # cards, puddings, butter
-        Kind(0.35, (120, 260), (75, 180), (35, 85)),  # crackers, sugar
+        Kind(0.25, (70, 125), (42, 90), (18, 38)),  # puddings, butter, tea, soap, medicine
+        Kind(0.15, (110, 190), (65, 125), (14, 42)),  # cards, sweets
+        Kind(0.3, (120, 260), (75, 180), (35, 85)),  # crackers, sugar
         Kind(0.2, (140, 245), (58, 100), (55, 95)),  # drinks
         Kind(0.1, (55, 130), (50, 110), (45, 100)),
     ),
@@ -98,9 +68,10 @@ KINDS: dict[str, tuple[Kind, ...]] = {
     ),
     "mug": (Kind(0.7, (95, 145), (70, 105), (75, 130)), Kind(0.3, (85, 150), (65, 112), (50, 85))),  # and tea cups
     "bowl": (
-        Kind(0.5, (110, 200), (110, 200), (45, 95), equal=True),
+        Kind(0.45, (110, 200), (110, 200), (45, 95), equal=True),
         Kind(0.25, (120, 215), (120, 215), (28, 50), equal=True),  # shallow
-        Kind(0.25, (75, 120), (75, 120), (30, 62), equal=True),  # ramekins, dips
+        Kind(0.1, (75, 120), (75, 120), (30, 62), equal=True),  # dips
+        Kind(0.2, (75, 120), (75, 120), (32, 62), equal=True, generator=ramekin),
     ),
     "clamp": (
         Kind(0.6, (75, 210), (42, 150), (16, 42)),

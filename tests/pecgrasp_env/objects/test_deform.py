@@ -9,6 +9,8 @@ from pecgrasp_env.capture.shard_plan import allot, open_source
 from pecgrasp_env.objects import Catalogue, ObjectError, make_object
 from pecgrasp_env.objects.deform import MOST, Deformed, deformed
 from pecgrasp_env.objects.meshing.free_form import FreeForm
+from pecgrasp_env.objects.model import assemble
+from pecgrasp_env.objects.procedural import further_kinds
 from pecgrasp_env.objects.procedural.proportions import KINDS
 
 
@@ -100,3 +102,24 @@ def test_wide_families_draw_within_the_extents_of_a_kind(name):
             all(low - 0.5 <= e <= high + 0.5 for e, (low, high) in zip(extents, (k.x, k.y, k.z), strict=True))
             for k in KINDS[name]
         ), extents
+
+
+@pytest.mark.parametrize("name", further_kinds.__all__)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_further_kinds_are_closed_and_what_is_felt_is_what_is_seen(name, seed):
+    pieces, mass = getattr(further_kinds, name)(np.random.default_rng(seed))
+    for shape, _ in pieces:
+        mesh = trimesh.Trimesh(shape.vertices, shape.faces)  # corners that coincide are joined
+        assert mesh.is_watertight
+        assert mesh.volume > 0
+    model = assemble("thing", name, pieces, mass)
+    seen, felt = model.visual_mesh().bounds, np.concatenate(model.hulls)
+    np.testing.assert_allclose(felt.min(axis=0), seen[0], atol=0.0025)
+    np.testing.assert_allclose(felt.max(axis=0), seen[1], atol=0.0025)
+
+
+def test_a_ramekin_is_hollow():
+    (dish, _), *_ = further_kinds.ramekin(np.random.default_rng(0))[0]
+    height = dish.vertices[:, 2].max()
+    floor = dish.vertices[np.linalg.norm(dish.vertices[:, :2], axis=1) < 1][:, 2].max()
+    assert floor < 0.4 * height
