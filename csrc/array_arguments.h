@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define MOST_ARRAYS 12
+#define MOST_ARRAYS 24
 
 /* The arrays that one call has taken and must release. */
 typedef struct {

@@ -54,7 +54,7 @@ def group_patches(surfaces: Surfaces, relations: Relations, whole_rather: float 
 
     whole_rather: as `Segmenter` takes it.
     """
-    grouping = surfaces.group(relations, whole_rather).without_specks(surfaces.measures.pixels)
+    grouping = surfaces.group(relations, whole_rather).without_specks(surfaces.sums.pixels)
     groups = _described(surfaces, grouping, relations)
     pixels = groups.features[:, OF_GROUP.index("pixels")]
     scraps = np.flatnonzero((pixels > 0) & (pixels < SCRAP) & (groups.whole < SURELY_NO_WHOLE))
@@ -65,7 +65,7 @@ def group_patches(surfaces: Surfaces, relations: Relations, whole_rather: float 
 
 
 def _described(surfaces: Surfaces, grouping: Grouping, relations: Relations) -> PatchGroups:
-    features = group_features(surfaces.measures_of_groups(grouping), grouping, surfaces.up)
+    features = group_features(surfaces.sums_of_groups(grouping), grouping, surfaces.up)
     return PatchGroups(grouping, features, probability(relations.whole.log_odds(features)))
 
 

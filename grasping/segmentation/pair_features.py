@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.patch_measures import PatchMeasures, extents, fit_quadratics
+from grasping.segmentation import kernels
+from grasping.segmentation.patch_measures import PatchSums, extents, fit_quadratics, in_order, measures_of
 from grasping.segmentation.patch_pairs import IN_FRONT, Borders
 from grasping.segmentation.surface_fits import SurfaceFits
 
@@ -61,9 +62,32 @@ def border_features(
     labels: NDArray[np.int32],
     height: Float32Array,
     up: FloatArray | None,
-    measures: PatchMeasures,
-) -> tuple[Float32Array, IntArray, IntArray]:
-    """(P, len(AT_BORDER)) of the pairs that adjoin, and how many pixel pairs show the first and the second in front."""
+    patches: PatchSums,
+) -> tuple[Float32Array, IntArray]:
+    """(P, len(AT_BORDER)) of the pairs that adjoin, and (2, P) how many pixel pairs show the first and the second in
+    front.
+    """
+    count = len(found.first)
+    if kernels.compiled is None or not count:
+        return border_features_reference(found, fits, positions, labels, height, up, patches)
+    features, in_front = np.empty((count, len(AT_BORDER)), dtype=np.float32), np.empty((2, count), dtype=np.int64)
+    surface = (fits.inverse_depth, fits.slopes, fits.normals, positions, height, labels, up)
+    pixels = (found.inner, found.outer, found.steps, found.along_row, found.forward)
+    pairs = (found.start, found.first, found.second, found.adjoining, patches.sums, patches.sides)
+    kernels.compiled.describe_borders(*surface, *pixels, *pairs, features, in_front)
+    return features, in_front
+
+
+def border_features_reference(
+    found: Borders,
+    fits: SurfaceFits,
+    positions: Float32Array,
+    labels: NDArray[np.int32],
+    height: Float32Array,
+    up: FloatArray | None,
+    patches: PatchSums,
+) -> tuple[Float32Array, IntArray]:
+    """`border_features` in NumPy."""
     h, w = labels.shape
     flat = labels.ravel()
     count = len(found.first)
@@ -78,7 +102,8 @@ def border_features(
     convex = (turn * (place[inner] - place[outer])).sum(axis=1) > 0
     gap = np.linalg.norm(place[found.inner] - place[found.outer], axis=1)
     high = np.maximum(height.ravel()[found.inner], height.ravel()[found.outer])
-    swap = measures.pixels[found.first] > measures.pixels[found.second]  # the smaller one counts as first
+    outline = np.maximum(patches.sides[:, 0], 1.0)
+    swap = patches.pixels[found.first] > patches.pixels[found.second]  # the smaller one counts as first
     sign = np.where(swap, -1.0, 1.0)
 
     def quantiles(values: NDArray, shares: tuple[float, ...] = QUANTILES) -> list[FloatArray]:
@@ -90,11 +115,11 @@ def border_features(
 
     in_front = [np.bincount(pair[which], minlength=count) for which in (jump > IN_FRONT, jump < -IN_FRONT)]
     smaller, larger = np.where(swap, in_front[::-1], in_front) / sizes
-    outline_s = np.where(swap, measures.outline[found.second], measures.outline[found.first])
-    outline_l = np.where(swap, measures.outline[found.first], measures.outline[found.second])
+    outline_s = np.where(swap, outline[found.second], outline[found.first])
+    outline_l = np.where(swap, outline[found.first], outline[found.second])
     length = mean(np.sqrt((place[found.inner] ** 2).sum(axis=1))) * sizes
     unknown = np.full(len(found.inner), np.nan)
-    up_inner, up_outer = (unknown, unknown) if up is None else (normal[inner] @ up, normal[outer] @ up)
+    up_inner, up_outer = (unknown, unknown) if up is None else (_along(normal[inner], up), _along(normal[outer], up))
     rows = [
         *quantiles(jump * sign[pair]),
         *quantiles(np.where(convex, chord, -chord)),
@@ -113,7 +138,7 @@ def border_features(
         mean((up_inner + up_outer) / 2),
         sign * mean(up_inner - up_outer),
     ]
-    return np.stack(rows, axis=1).astype(np.float32) if count else _none(AT_BORDER), in_front[0], in_front[1]
+    return np.stack(rows, axis=1).astype(np.float32) if count else _none(AT_BORDER), np.stack(in_front)
 
 
 def shape_features(
@@ -121,12 +146,30 @@ def shape_features(
     second: IntArray,
     hidden: NDArray[np.bool_],
     at_hole: NDArray[np.bool_],
-    measures: PatchMeasures,
+    patches: PatchSums,
     up: FloatArray | None,
 ) -> Float32Array:
     """(P, len(OF_BOTH)) of pairs (P,) of patches, whether they adjoin or not."""
+    if kernels.compiled is None:
+        return shape_features_reference(first, second, hidden, at_hole, patches, up)
+    features = np.empty((len(first), len(OF_BOTH)), dtype=np.float32)
+    sums = (patches.sums, patches.bins, patches.sides, patches.with_table)
+    kernels.compiled.describe_pairs(*sums, first, second, hidden, at_hole, up, features)
+    return features
+
+
+def shape_features_reference(
+    first: IntArray,
+    second: IntArray,
+    hidden: NDArray[np.bool_],
+    at_hole: NDArray[np.bool_],
+    patches: PatchSums,
+    up: FloatArray | None,
+) -> Float32Array:
+    """`shape_features` in NumPy."""
     if not len(first):
         return _none(OF_BOTH)
+    measures = measures_of(patches)
     pixels = measures.pixels
     swap = pixels[first] > pixels[second]
     s, l = np.where(swap, second, first), np.where(swap, first, second)  # noqa: E741
@@ -141,22 +184,19 @@ def shape_features(
             both,
             terms,
         )
-        apart = np.sqrt((error[s] ** 2 * pixels[s] + error[l] ** 2 * pixels[l]) / both)
+        apart = np.sqrt((error[s] * error[s] * pixels[s] + error[l] * error[l] * pixels[l]) / both)
         # The larger one's surface where the smaller one is.
         moments, products, at = measures.moments[s][:, :terms, :terms], measures.products[s][:, :terms], factors[l]
-        square = (
-            measures.squares[s]
-            - 2 * (at * products).sum(axis=1)
-            + (at * np.einsum("pij,pj->pi", moments, at)).sum(axis=1)
-        )
+        along = np.stack([in_order(moments[:, i] * at) for i in range(terms)], axis=1)
+        square = measures.squares[s] - 2 * in_order(at * products) + in_order(at * along)
         off = np.minimum(np.sqrt(np.maximum(square, 0) / pixels[s]), 1.0)
-        off_mean = np.clip((products[:, 0] - (at * moments[:, 0]).sum(axis=1)) / pixels[s], -1, 1)
+        off_mean = np.clip((products[:, 0] - in_order(at * moments[:, 0])) / pixels[s], -1, 1)
         rows += [error[s], error[l], united, united - apart, off, off_mean]
     length = np.linalg.norm(measures.normal, axis=1)
     normal = measures.normal / np.maximum(length, 1e-9)[:, None]
     unknown = np.full(len(first), np.nan)
     rows += [np.linalg.norm(normal[s] - normal[l], axis=1), 1 - length[s], 1 - length[l]]
-    rows += [unknown, unknown] if up is None else [normal[s] @ up, normal[l] @ up]
+    rows += [unknown, unknown] if up is None else [_along(normal[s], up), _along(normal[l], up)]
     low, middle, high = measures.heights.T
     rows += [low[s], low[l], middle[s], middle[l], high[s], high[l]]
     rows += [high[s] - high[l], low[s] - low[l], low[s] - high[l], low[l] - high[s]]
@@ -168,10 +208,10 @@ def shape_features(
     if up is None:
         rows += [unknown, unknown]
     else:
-        rise = between @ up
-        rows += [rise / distance, np.sqrt(np.maximum(distance**2 - rise**2, 0))]
+        rise = _along(between, up)
+        rows += [rise / distance, np.sqrt(np.maximum(distance * distance - rise * rise, 0))]
     own = extents(measures.scatter)
-    share = (pixels[s] * pixels[l] / both**2)[:, None, None]
+    share = (pixels[s] * pixels[l] / (both * both))[:, None, None]
     scatter = (
         measures.scatter[s] * (pixels[s] / both)[:, None, None]
         + measures.scatter[l] * (pixels[l] / both)[:, None, None]
@@ -196,6 +236,11 @@ def stand_apart(features: Float32Array) -> NDArray[np.bool_]:
     stand = np.minimum(of["stands_s"], of["stands_l"]) > STANDS
     behind = (of["gap_10"] > BEHIND) & (of["level"] < ON_ONE_LEVEL) & (of["share_of_smaller"] > ADJOINING)
     return np.asarray(upright & stand & behind)
+
+
+def _along(vectors: NDArray, direction: FloatArray) -> FloatArray:
+    """(V,) how far vectors (V, 3) go along a direction (3,), added up as C does."""
+    return np.asarray(vectors[:, 0] * direction[0] + vectors[:, 1] * direction[1] + vectors[:, 2] * direction[2])
 
 
 def _none(names: list[str]) -> Float32Array:

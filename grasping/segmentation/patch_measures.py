@@ -22,6 +22,7 @@ TALLEST, BINS = 0.512, 256  # m and number: heights are counted in bins of 2 mm
 LOW = 0.012  # m: a patch's pixel at the table's side as low as this stands on it
 SUMS = 1 + len(POWERS) + len(QUADRATIC) + 1 + 3 + 6 + 3 + 1 + 1 + 2  # see `sums_reference`
 SIDES = 5
+SWEEPS = 8  # over all of a matrix, after which it is diagonal
 LITTLE = 1e-9  # of a ridge in fits of few pixels
 FAR_OUT, LITTLE_OUT = 20.0, 2.0  # times the table's noise: more does not count, less may be the table
 
@@ -29,26 +30,28 @@ FAR_OUT, LITTLE_OUT = 20.0, 2.0  # times the table's noise: more does not count,
 @dataclass(frozen=True)
 class PatchSums:
     """What is added up over the pixels of patches 0 … n (row 0 is empty), as in `sums_reference`: sums (n + 1, SUMS),
-    bins (n + 1, BINS), sides (n + 1, SIDES).
+    bins (n + 1, BINS), sides (n + 1, SIDES). with_table: whether a table was found.
     """
 
     sums: FloatArray
     bins: FloatArray
     sides: FloatArray
+    with_table: bool
+
+    @property
+    def pixels(self) -> FloatArray:
+        """(n + 1,) of each patch."""
+        return self.sums[:, 0]
 
     def of_groups(self, group: IntArray, first: IntArray, second: IntArray, adjoining: IntArray) -> PatchSums:
         """Of groups 0 … G: group (n + 1,) of each patch. adjoining: (P,) the sides that pairs of patches share."""
-        order = np.argsort(group, kind="stable")
-        present, start = np.unique(group[order], return_index=True)
-        count = int(present[-1]) + 1
-        added = []
-        for rows in (self.sums, self.bins, self.sides):
-            of_groups = np.zeros((count, rows.shape[1]))
-            of_groups[present] = np.add.reduceat(rows[order], start, axis=0)
-            added.append(of_groups)
+        count = int(group.max()) + 1
+        sums, bins, sides = (np.zeros((count, rows.shape[1])) for rows in (self.sums, self.bins, self.sides))
+        for added, rows in ((sums, self.sums), (bins, self.bins), (sides, self.sides)):
+            np.add.at(added, group, rows)
         inside = group[first] == group[second]  # what divided two patches of a group is no outline of it
-        added[2][:, 0] -= 2 * np.bincount(group[first[inside]], adjoining[inside], minlength=count)
-        return PatchSums(*added)
+        sides[:, 0] -= 2 * np.bincount(group[first[inside]], adjoining[inside], minlength=count)
+        return PatchSums(sums, bins, sides, self.with_table)
 
 
 @dataclass(frozen=True)
@@ -93,15 +96,15 @@ def add_up_patches(
     (h, w), 1/m by which a pixel is nearer than the table, whose noise is so much, NaN without one.
     """
     arguments = (image.inverse_depth, fits.normals, positions, labels, edge, height, table, above)
-    sums = PatchSums(*(np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)))
+    rows = [np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)]
     add_up = sums_reference if kernels.compiled is None else kernels.compiled.measure_patches
-    add_up(*arguments, image.pixel, max(noise, 1e-9), sums.sums, sums.bins, sums.sides)
-    return sums
+    add_up(*arguments, image.pixel, max(noise, 1e-9), *rows)
+    return PatchSums(rows[0], rows[1], rows[2], noise == noise)
 
 
-def measures_of(patches: PatchSums, *, with_table: bool) -> PatchMeasures:
-    """What the sums say of each patch; with_table: whether a table was found."""
-    sums, sides = patches.sums, patches.sides
+def measures_of(patches: PatchSums) -> PatchMeasures:
+    """What the sums say of each patch."""
+    sums, sides, with_table = patches.sums, patches.sides, patches.with_table
     count = len(sums) - 1
     pixels = sums[:, 0]
     at_least = np.maximum(pixels, 1.0)
@@ -208,12 +211,44 @@ def fit_quadratics(
 ) -> tuple[FloatArray, FloatArray]:
     """(P,) root mean square error, 1/m, and (P, terms) factors of the least-squares surface."""
     scale = np.sqrt(np.maximum(np.einsum("pii->pi", moments[:, :terms, :terms]), 1e-30))
-    normal = moments[:, :terms, :terms] / (scale[:, :, None] * scale[:, None, :]) + LITTLE * np.eye(terms)
-    factors = np.linalg.solve(normal, (products[:, :terms] / scale)[..., None])[..., 0] / scale
-    left = squares - (factors * products[:, :terms]).sum(axis=1)
+    a = moments[:, :terms, :terms] / (scale[:, :, None] * scale[:, None, :]) + LITTLE * np.eye(terms)
+    b = products[:, :terms] / scale
+    for k in range(terms):  # by elimination: the matrix is symmetric and definite, whose pivots need not be looked for
+        for i in range(k + 1, terms):
+            share = a[:, k, i] / a[:, k, k]
+            a[:, i, i:] -= share[:, None] * a[:, k, i:]
+            b[:, i] -= share * b[:, k]
+    for i in reversed(range(terms)):
+        for j in range(i + 1, terms):
+            b[:, i] -= a[:, i, j] * b[:, j]
+        b[:, i] /= a[:, i, i]
+    factors = b / scale
+    left = squares - in_order(factors * products[:, :terms])
     return np.sqrt(np.maximum(left, 0) / np.maximum(pixels, 1)), factors
 
 
+def in_order(rows: FloatArray) -> FloatArray:
+    """(P,) the sums along rows (P, K), added up one after the other as C does."""
+    return np.asarray(sum(rows.T))
+
+
 def extents(scatter: FloatArray) -> FloatArray:
-    """(P, 3) standard deviations along the principal axes, m, rising."""
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(scatter), 0))
+    """(P, 3) standard deviations along the principal axes, m, rising, of (P, 3, 3); by Jacobi's rotations."""
+    a = np.triu(scatter) + np.triu(scatter, 1).swapaxes(1, 2)  # the upper half counts
+    for p, q, r in ((0, 1, 2), (0, 2, 1), (1, 2, 0)) * SWEEPS:
+        turned = a[:, p, q] != 0
+        if not turned.any():
+            continue
+        with np.errstate(over="ignore"):
+            theta = (a[:, q, q] - a[:, p, p]) / (2.0 * np.where(turned, a[:, p, q], 1.0))
+            size = 1.0 / (np.abs(theta) + np.sqrt(theta * theta + 1.0))
+        t = np.where(turned, np.where(theta < 0, -size, size), 0.0)
+        c = 1.0 / np.sqrt(t * t + 1.0)
+        s, step = t * c, t * a[:, p, q]
+        rp, rq = a[:, r, p].copy(), a[:, r, q].copy()
+        a[:, p, p] -= step
+        a[:, q, q] += step
+        a[:, p, q] = a[:, q, p] = 0.0
+        a[:, r, p] = a[:, p, r] = c * rp - s * rq
+        a[:, r, q] = a[:, q, r] = s * rp + c * rq
+    return np.sqrt(np.maximum(np.sort(np.einsum("pii->pi", a), axis=1), 0))

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.segmentation import kernels
+
+IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
-# Small enough that the matrix library keeps them on one thread: on a busy machine more of them cost far more time.
 HYPOTHESES, TESTED = 128, 640  # planes drawn, and points that each is tested on
 NEARBY = (
     16  # draws, of which half of the hypotheses take the nearest two: a small plane is drawn as often as a large one
@@ -59,46 +62,108 @@ def find_planes(
 
 
 def _ransac(points: FloatArray, up: FloatArray | None, rng: np.random.Generator, coarse: float) -> FloatArray | None:
-    corners = points[rng.integers(0, len(points), size=(HYPOTHESES, 3))]
-    half = HYPOTHESES // 2
-    drawn = points[rng.integers(0, len(points), size=(half, NEARBY))]
-    apart = drawn - corners[:half, :1]
-    nearest = np.argpartition(np.einsum("ijk,ijk->ij", apart, apart), 2, axis=1)[:, :2]
-    corners[:half, 1:] = np.take_along_axis(drawn, nearest[..., None], axis=1)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    usable = lengths > 1e-6  # three points on a line span no plane
+    corners = rng.integers(0, len(points), size=(HYPOTHESES, 3))
+    drawn = rng.integers(0, len(points), size=(HYPOTHESES // 2, NEARBY))
+    tested = rng.integers(0, len(points), size=TESTED) if len(points) > TESTED else np.arange(len(points))
+    if kernels.compiled is None:
+        return draw_plane_reference(points, corners, drawn, tested, up, coarse)
+    plane = np.empty(4)
+    found = kernels.compiled.draw_plane(points, corners, drawn, tested, up, LEVEL, np.cos(MOST_TILT), coarse, plane)
+    return plane if found else None
+
+
+def draw_plane_reference(
+    points: FloatArray, corners: IntArray, drawn: IntArray, tested: IntArray, up: FloatArray | None, coarse: float
+) -> FloatArray | None:
+    """(4,) of the planes through points (N, 3) the first that most of the tested ones (T,) are near; None for none.
+
+    corners (H, 3): the points of a plane each. drawn (K, NEARBY): of those, the two that are nearest to the first
+    corner take the place of the other two.
+    """
+    half = len(drawn)
+    apart = [points[drawn, k] - points[corners[:half, :1], k] for k in range(3)]
+    nearest = np.argsort(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2], axis=1, kind="stable")
+    corners = corners.copy()
+    corners[:half, 1:] = np.take_along_axis(drawn, nearest[:, :2], axis=1)
+    x, y, z = (points[corners, k] for k in range(3))
+    one, other = ([at[:, k] - at[:, 0] for at in (x, y, z)] for k in (1, 2))
+    normal = [one[i] * other[j] - one[j] * other[i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    length = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
+    usable = length > 1e-6  # three points on a line span no plane
     if up is not None:
-        usable &= np.abs(normals @ up) > np.cos(MOST_TILT) * lengths
-    normals = normals[usable] / lengths[usable, None]
-    through = corners[usable, 0]
+        rising = np.abs(normal[0] * up[0] + normal[1] * up[1] + normal[2] * up[2])
+        usable &= rising > np.cos(MOST_TILT) * length
+    normals = np.stack([part[usable] / length[usable] for part in normal], axis=1)
+    through = points[corners[usable, 0]]
     if up is not None:  # three points of a table that is a sixth of the view are drawn once in 200 times, one often
-        through = np.vstack([through, corners[:LEVEL, 1]])
-        normals = np.vstack([normals, np.tile(up, (LEVEL, 1))])
+        through = np.vstack([through, points[corners[:LEVEL, 1]]])
+        normals = np.vstack([normals, np.tile(up, (len(corners[:LEVEL]), 1))])
     if not len(normals):
         return None
-    offsets = -(normals * through).sum(axis=1)
-    tested = points if len(points) <= TESTED else points[rng.integers(0, len(points), size=TESTED)]
-    inside = np.abs(normals @ tested.T + offsets[:, None]) < coarse
+    a, b, c = normals.T
+    offsets = -(a * through[:, 0] + b * through[:, 1] + c * through[:, 2])
+    u, v, w = points[tested].T
+    inside = np.abs(a[:, None] * u + b[:, None] * v + c[:, None] * w + offsets[:, None]) < coarse
     best = int(np.count_nonzero(inside, axis=1).argmax())
     return np.append(normals[best], offsets[best])
 
 
 def refine(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[float, float]) -> Plane:
     """Least squares on the inliers, whose band shrinks to three times their residual."""
+    if kernels.compiled is None:
+        return refine_reference(points, equation, coarse, band)
+    refined = np.array(equation)
+    width, residual = kernels.compiled.refine_plane(points, coarse, *band, refined)
+    return Plane(refined, width, residual)
+
+
+def refine_reference(points: FloatArray, equation: FloatArray, coarse: float, band: tuple[float, float]) -> Plane:
+    """`refine` in NumPy; sums are added up point by point, as C does."""
     width, residual = coarse, coarse
+    x, y, z = points.T
     for _ in range(8):
-        inliers = points[np.abs(points @ equation[:3] + equation[3]) <= width]
-        if len(inliers) < 10:
+        a, b, c, d = equation
+        at = np.flatnonzero(np.abs(x * a + y * b + z * c + d) <= width)
+        if len(at) < 10:
             break
-        mean = inliers.mean(axis=0)
-        centred = inliers - mean
-        equation = _normal_form(centred.T @ centred, mean, equation)
-        residual = 1.4826 * float(np.median(np.abs(centred @ equation[:3])))
+        inliers = [part[at] for part in (x, y, z)]
+        mean = [np.cumsum(part)[-1] / len(at) for part in inliers]
+        centred = [part - middle for part, middle in zip(inliers, mean, strict=True)]
+        pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+        n = _least_axis(*(float(np.cumsum(centred[i] * centred[j])[-1]) for i, j in pairs))
+        if n[0] * a + n[1] * b + n[2] * c < 0:
+            n = [-part for part in n]
+        equation = np.array([*n, -(n[0] * mean[0] + n[1] * mean[1] + n[2] * mean[2])])
+        off = np.abs(centred[0] * n[0] + centred[1] * n[1] + centred[2] * n[2])
+        residual = 1.4826 * float(np.median(off))
         last, width = width, float(np.clip(3.0 * residual, *band))
         if abs(last - width) < 0.002 * width:
             break
     return Plane(equation, width, residual)
+
+
+def _least_axis(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> list[float]:
+    """The axis of length one along which a symmetric matrix is least, by Jacobi's rotations."""
+    a = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    for p, q, r in ((0, 1, 2), (0, 2, 1), (1, 2, 0)) * 12:
+        if a[p][q] == 0.0:
+            continue
+        theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q])
+        t = math.copysign(1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0)), -1.0 if theta < 0 else 1.0)
+        c = 1.0 / math.sqrt(t * t + 1.0)
+        s, turned = t * c, t * a[p][q]
+        a[p][p] -= turned
+        a[q][q] += turned
+        a[p][q] = a[q][p] = 0.0
+        rp, rq = a[r][p], a[r][q]
+        a[r][p] = a[p][r] = c * rp - s * rq
+        a[r][q] = a[q][r] = s * rp + c * rq
+        for row in axes:
+            row[p], row[q] = c * row[p] - s * row[q], s * row[p] + c * row[q]
+    least = 1 if a[1][1] < a[0][0] else 0
+    least = 2 if a[2][2] < a[least][least] else least
+    return [row[least] for row in axes]
 
 
 def _normal_form(scatter: FloatArray, mean: FloatArray, like: FloatArray) -> FloatArray:

@@ -6,6 +6,8 @@ they are of one object; and the patches are grouped by all of that together.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +16,11 @@ from grasping.segmentation.correlation_clustering import cluster
 from grasping.segmentation.grouping import Grouping
 from grasping.segmentation.hidden_halves import join_halves
 from grasping.segmentation.pair_features import AT_BORDER, border_features, shape_features, stand_apart
-from grasping.segmentation.patch_measures import PatchMeasures, add_up_patches, measures_of
+from grasping.segmentation.patch_measures import PatchMeasures, PatchSums, add_up_patches, measures_of
 from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes, patches_at_holes
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surface_patches import cut_into_patches
-from grasping.segmentation.table_relief import Relief, relief
+from grasping.segmentation.table_relief import Relief, heights_over, relief
 from grasping.segmentation.working_image import WorkingImage
 from grasping.segmentation.wrinkles import wrinkles
 
@@ -46,10 +48,7 @@ class Surfaces:
             stands_out = measured
             height = np.full(image.shape, np.nan, dtype=np.float32)
         else:
-            level = image.plane_inverse_depth(plane)
-            # Along a line of sight the height falls from the camera's evenly with the depth.
-            share = np.divide(level, image.inverse_depth, out=np.zeros(image.shape, dtype=np.float32), where=measured)
-            height = np.float32(plane[3] + plane[:3] @ image.viewpoint) * (np.float32(1) - share)
+            level, height = heights_over(image, plane)
             self.relief = relief(image, level, height)
             stands_out = self.relief.stands_out & (height <= max_height)
         asked = np.flatnonzero(stands_out)
@@ -77,13 +76,10 @@ class Surfaces:
             height if self.relief is None else self.relief.above,
             np.nan if self.relief is None else self.relief.noise,
         )
-        self.measures = measures_of(self.sums, with_table=self.relief is not None)
-        at_border, first_in_front, second_in_front = border_features(
-            self.borders, fits, self.positions, self.labels, height, up, self.measures
-        )
+        at_border, in_front = border_features(self.borders, fits, self.positions, self.labels, height, up, self.sums)
         level = at_border[:, AT_BORDER.index("level")]
         holes = patches_at_holes(self.labels, image.inverse_depth)
-        hidden = hidden_pairs(self.borders, first_in_front, second_in_front, level, holes)
+        hidden = hidden_pairs(self.borders, in_front[0], in_front[1], level, holes)
         at_hole = pairs_at_holes(holes, self.borders)
         far = sorted(hidden | at_hole)
         self.far_first = np.array([i for i, _ in far], dtype=np.int64)
@@ -94,18 +90,22 @@ class Surfaces:
             np.concatenate([self.borders.second, self.far_second]),
             np.array(nothing + [pair in hidden for pair in far], dtype=bool),
             np.array(nothing + [pair in at_hole for pair in far], dtype=bool),
-            self.measures,
+            self.sums,
             up,
         )
         self.near_features = np.concatenate([at_border, of_both[: len(nothing)]], axis=1)
         self.far_features = of_both[len(nothing) :]
 
-    def measures_of_groups(self, grouping: Grouping) -> PatchMeasures:
-        """What is measured on groups of patches, as if each were a patch."""
+    @cached_property
+    def measures(self) -> PatchMeasures:
+        """What is measured on each patch."""
+        return measures_of(self.sums)
+
+    def sums_of_groups(self, grouping: Grouping) -> PatchSums:
+        """What is added up over groups of patches."""
         adjoining = np.zeros(len(grouping.first), dtype=np.int64)
         adjoining[: len(self.borders.first)] = self.borders.adjoining
-        sums = self.sums.of_groups(grouping.group, grouping.first, grouping.second, adjoining)
-        return measures_of(sums, with_table=self.relief is not None)
+        return self.sums.of_groups(grouping.group, grouping.first, grouping.second, adjoining)
 
     def group(self, relations: Relations, whole_rather: float = WHOLE_RATHER) -> Grouping:
         """Say which patches are of one object. whole_rather: log odds by which any two that adjoin rather are."""
@@ -119,4 +119,4 @@ class Surfaces:
         # Patch 0 is no patch: alone it is cluster 0, and objects count from 1.
         adjoin = np.arange(len(first)) < len(near)
         group = cluster(self.count + 1, first, second, odds * length)
-        return join_halves(Grouping(group, first, second, odds, length, adjoin), self.measures.pixels)
+        return join_halves(Grouping(group, first, second, odds, length, adjoin), self.sums.pixels)

@@ -53,12 +53,15 @@ class WorkingImage:
 
     def plane_inverse_depth(self, plane: FloatArray) -> Float32Array:
         """(h, w) of a plane (4,), 1/m; negative where the line of sight leads away from it."""
+        across, down = self.plane_terms(plane)
+        return np.asarray(across + down[:, None])
+
+    def plane_terms(self, plane: FloatArray) -> tuple[Float32Array, Float32Array]:
+        """(w,) and (h,), 1/m: what columns and rows add to the inverse depth of a plane (4,)."""
         n, d = plane[:3], plane[3] + plane[:3] @ self.viewpoint
         column, row, one = -(n @ self.rays) / d
         h, w = self.shape
-        across = (column * np.arange(w)).astype(np.float32)
-        down = (row * np.arange(h) + one).astype(np.float32)
-        return np.asarray(across + down[:, None])
+        return (column * np.arange(w)).astype(np.float32), (row * np.arange(h) + one).astype(np.float32)
 
     def positions(self) -> Float32Array:
         """(h, w, 3) of the pixels' points from the viewpoint, m; 0 where nothing was measured."""

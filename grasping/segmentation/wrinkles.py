@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.segmentation import kernels
 from grasping.segmentation.table_relief import Relief, mean_of_nine
 
 Float32Array = NDArray[np.float32]
@@ -26,6 +27,17 @@ def wrinkles(
     labels: Labels, count: int, relief: Relief, inverse_depth: Float32Array, camera: float
 ) -> NDArray[np.bool_]:
     """(count + 1,) which of the patches (h, w), from 1 to count, are wrinkles of the table. camera: m above it."""
+    if kernels.compiled is None:
+        return wrinkles_reference(labels, count, relief, inverse_depth, camera)
+    found = np.empty(count + 1, dtype=bool)
+    kernels.compiled.find_wrinkles(labels, inverse_depth, relief.above, relief.stands_out, camera, found)
+    return found
+
+
+def wrinkles_reference(
+    labels: Labels, count: int, relief: Relief, inverse_depth: Float32Array, camera: float
+) -> NDArray[np.bool_]:
+    """`wrinkles` in NumPy."""
     at = np.flatnonzero(labels > 0)
     own = labels.ravel().take(at)
     # Along a line of sight the height over the table falls evenly with the distance from the camera.
@@ -38,7 +50,7 @@ def wrinkles(
         return low
     inside = np.flatnonzero(low[own])
     at, own, above = at[inside], own[inside], above[inside]
-    patch, rise, outline = _rises(labels, count, at, own, relief, inverse_depth > 0)
+    patch, rise, outline = _rises(labels, count, at, own, relief, inverse_depth)
     foot = np.bincount(patch, minlength=count + 1)
     seen = low & (foot > 0) & (foot >= LEAST_FOOT * outline)
     risen, most = _quantile(patch, rise, count, 0.5), _quantile(own, above, count, 0.75)
@@ -46,26 +58,27 @@ def wrinkles(
 
 
 def _rises(
-    labels: Labels, count: int, at: IntArray, own: Labels, relief: Relief, measured: NDArray[np.bool_]
+    labels: Labels, count: int, at: IntArray, own: Labels, relief: Relief, inverse_depth: Float32Array
 ) -> tuple[IntArray, Float32Array, IntArray]:
     """(B,) the patch and the rise, 1/m, at each side of one of the pixels (P,) that is beside the open table; and
     (count + 1,) how many sides each patch's outline has.
     """
     h, w = labels.shape
-    mean = mean_of_nine(np.clip(relief.above, -MOST, MOST), measured).ravel()
+    mean = mean_of_nine(relief.above, inverse_depth, float(MOST)).ravel()
     flat = labels.ravel()
-    table = (measured & ~relief.stands_out).ravel() & (flat == 0)
+    table = ((inverse_depth > 0) & ~relief.stands_out).ravel() & (flat == 0)
     row, column = np.divmod(at, w)
-    rooms = {-w: row, w: h - 1 - row, -1: column, 1: w - 1 - column}  # pixels up to the image's border
+    before, after = (row, column), (h - 1 - row, w - 1 - column)  # pixels up to the image's border
+    ways = ((-w, before[0], after[0]), (w, after[0], before[0]), (-1, before[1], after[1]), (1, after[1], before[1]))
     patches, rises, outline = [], [], np.zeros(count + 1, dtype=np.int64)
-    for step, room in rooms.items():
+    for step, room, behind in ways:
         beside = np.where(room > 0, at + step, at)
         outline += np.bincount(own[(room == 0) | (flat[beside] != own)], minlength=len(outline))
         # A gap that is narrower than the reach shows nothing of the table.
         foot = np.flatnonzero((room >= REACH) & table[beside])
         for far in range(2, REACH + 1):
             foot = foot[table[at[foot] + far * step]]
-        start, back = at[foot], rooms[-step][foot]
+        start, back = at[foot], behind[foot]
         high = mean[start]
         for far in range(1, REACH + 1):
             inner = np.where(back >= far, start - far * step, start)

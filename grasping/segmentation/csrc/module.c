@@ -1,61 +1,10 @@
 /* The Python side of the compiled kernels. */
-#include "array_arguments.h"
-#include "segmentation.h"
+#include "module.h"
 
 #include <stdlib.h>
 
 /* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
-#define INTERFACE 3
-
-#define INT32 "il"
-#define INT64 "lq"
-
-/* The items of a contiguous array (first, second, third), whose lengths must be these; 0 stands for no such dimension.
- * NULL with an error if not. */
-static void *items(Arrays *arrays, PyObject *from, const char *name, const char *formats, Py_ssize_t first,
-                   Py_ssize_t second, Py_ssize_t third, int writable)
-{
-    const Py_ssize_t shape[3] = {first, second, third};
-    const int ndim = third ? 3 : second ? 2 : 1;
-    Py_buffer *view = array_argument(arrays, from, name, formats, ndim, 0, -1, writable);
-    for (int axis = 0; view && axis < ndim; axis++)
-        if (view->shape[axis] != shape[axis]) {
-            PyErr_Format(PyExc_ValueError, "%s: another shape is needed", name);
-            view = NULL;
-        }
-    return view ? view->buf : NULL;
-}
-
-/* A list of whatever length, which comes back in `count`. */
-static const void *list(Arrays *arrays, PyObject *from, const char *name, const char *formats, Py_ssize_t *count)
-{
-    const Py_buffer *view = array_argument(arrays, from, name, formats, 1, 0, -1, 0);
-    if (!view)
-        return NULL;
-    *count = view->shape[0];
-    return view->buf;
-}
-
-/* An image of float32, by which all others are judged: of a pixel at least. */
-static const float *image(Arrays *arrays, PyObject *from, const char *name, Py_ssize_t *h, Py_ssize_t *w)
-{
-    const Py_buffer *view = array_argument(arrays, from, name, "f", 2, 0, -1, 0);
-    if (!view)
-        return NULL;
-    *h = view->shape[0];
-    *w = view->shape[1];
-    if (*h >= 1 && *w >= 1)
-        return view->buf;
-    PyErr_Format(PyExc_ValueError, "%s: no pixels", name);
-    return NULL;
-}
-
-static PyObject *failure(ptrdiff_t code)
-{
-    if (code == OUT_OF_RANGE)
-        return PyErr_Format(PyExc_ValueError, "an index points out of the array that it is for");
-    return PyErr_NoMemory();
-}
+#define INTERFACE 4
 
 static PyObject *reduce(PyObject *self, PyObject *arguments)
 {
@@ -127,44 +76,6 @@ static PyObject *invert(PyObject *self, PyObject *arguments)
     }
     release(&arrays);
     return answer;
-}
-
-static PyObject *average(PyObject *self, PyObject *arguments)
-{
-    (void)self;
-    PyObject *values, *measured, *mean, *answer = NULL;
-    if (!PyArg_ParseTuple(arguments, "OOO", &values, &measured, &mean))
-        return NULL;
-    Arrays arrays = {.count = 0};
-    Py_ssize_t h, w;
-    const float *from;
-    const unsigned char *is;
-    float *out;
-    if ((from = image(&arrays, values, "values", &h, &w)) &&
-        (is = items(&arrays, measured, "measured", "?", h, w, 0, 0)) &&
-        (out = items(&arrays, mean, "mean", "f", h, w, 0, 1))) {
-        int code;
-        Py_BEGIN_ALLOW_THREADS
-        code = mean_of_nine(from, is, h, w, out);
-        Py_END_ALLOW_THREADS
-        answer = code ? failure(code) : Py_NewRef(Py_None);
-    }
-    release(&arrays);
-    return answer;
-}
-
-/* The number of pixels must fit into int32, as labels do. */
-static int32_t *labels_of(Arrays *arrays, PyObject *from, Py_ssize_t *h, Py_ssize_t *w, int writable)
-{
-    Py_buffer *view = array_argument(arrays, from, "labels", INT32, 2, 0, -1, writable);
-    if (!view)
-        return NULL;
-    *h = view->shape[0];
-    *w = view->shape[1];
-    if (*h >= 1 && *w >= 1 && *h <= INT32_MAX / *w)
-        return view->buf;
-    PyErr_SetString(PyExc_ValueError, "labels: no pixels, or too many");
-    return NULL;
 }
 
 static PyObject *pieces(PyObject *self, PyObject *arguments)
@@ -424,7 +335,13 @@ static PyObject *group(PyObject *self, PyObject *arguments)
 static PyMethodDef methods[] = {
     {"positions", place, METH_VARARGS, "See working_image.positions: fills `positions`."},
     {"inverse_depths", invert, METH_VARARGS, "See working_image.inverse_depths: fills `inverse_depth`."},
-    {"mean_of_nine", average, METH_VARARGS, "See table_relief.mean_of_nine: fills `mean`."},
+    {"find_heights", call_find_heights, METH_VARARGS, "See table_relief.heights_over: fills `plane` and `height`."},
+    {"rise_over_table", call_rise_over_table, METH_VARARGS, "See table_relief.relief: fills `table` and `above`."},
+    {"mean_of_nine", call_mean_of_nine, METH_VARARGS, "See table_relief.mean_of_nine: fills `mean`."},
+    {"stand_out", call_stand_out, METH_VARARGS, "See table_relief.stand_out: fills `found`."},
+    {"find_wrinkles", call_find_wrinkles, METH_VARARGS, "See wrinkles.wrinkles: fills `found`."},
+    {"draw_plane", call_draw_plane, METH_VARARGS, "See planes.draw_plane: fills `plane`, returns whether there is one."},
+    {"refine_plane", call_refine_plane, METH_VARARGS, "See planes.refine: changes `plane`, returns (width, residual)."},
     {"label_pieces", pieces, METH_VARARGS, "See pieces.label_pieces: fills `labels`, returns the number."},
     {"steps_to_borders", borders, METH_VARARGS, "See patch_pairs.steps_to_borders: fills `steps`."},
     {"reduce_blocks", reduce, METH_VARARGS, "See working_image.reduce_blocks: fills `reduced`."},
@@ -433,6 +350,9 @@ static PyMethodDef methods[] = {
     {"grow_patches", grow, METH_VARARGS, "See surface_patches.grow_patches_reference: fills `labels`, returns the number."},
     {"merge_patches", merge, METH_VARARGS, "See surface_patches.merge_patches_reference: changes `labels`, likewise."},
     {"measure_patches", measure, METH_VARARGS, "See patch_measures.sums_reference: adds to sums, bins and sides."},
+    {"describe_borders", call_describe_borders, METH_VARARGS, "See pair_features.border_features: fills the last two."},
+    {"describe_pairs", call_describe_pairs, METH_VARARGS, "See pair_features.shape_features: fills `features`."},
+    {"describe_groups", call_describe_groups, METH_VARARGS, "See group_features.shapes_of_groups: fills `features`."},
     {"pack_trees", pack, METH_VARARGS, "The same trees as `add_trees` takes them."},
     {"add_trees", boost, METH_VARARGS, "See boosted_trees.BoostedTrees.log_odds: adds to `odds`."},
     {"cluster", group, METH_VARARGS, "See correlation_clustering.cluster_reference: fills `root`."},

@@ -40,8 +40,52 @@ void invert_depths(const void *points, int wide, const unsigned char *valid, ptr
 /* Means of what lies about the median of block × block pixels. out: (h / block) × (w / block). */
 int reduce_blocks(const float *q, ptrdiff_t h, ptrdiff_t w, ptrdiff_t block, float *out);
 
-/* The mean of the measured ones among each pixel and its eight neighbours. */
-int mean_of_nine(const float *values, const unsigned char *measured, ptrdiff_t h, ptrdiff_t w, float *mean);
+/* Of each pixel its inverse depth on a plane, to which columns (w) and rows (h) add, and its height, which falls evenly
+ * with the depth from the camera's. */
+void find_heights(const float *q, ptrdiff_t h, ptrdiff_t w, const float *across, const float *down, float camera,
+                  float *plane, float *height);
+
+/* The table, which is bent against its plane, and by how much pixels are nearer than it; 0 where nothing is measured. */
+void rise_over_table(const float *q, const float *plane, const float *bend, ptrdiff_t pixels, float *table, float *above);
+
+/* The mean of the measured ones among each pixel and its eight neighbours, none of which counts for more than `most`. */
+int mean_of_nine(const float *values, const float *q, ptrdiff_t h, ptrdiff_t w, float most, float *mean);
+
+/* What stands out of the table: pixels over all three, if together they are enough over the noise of means, `level`. */
+typedef struct {
+    const float *inverse_depth, *above, *mean, *height;
+    float least_own, least_mean, least_height, level;
+} Standing;
+
+int stand_out(const Standing *from, ptrdiff_t h, ptrdiff_t w, unsigned char *out);
+
+/* What is asked to tell wrinkles of a table from things. camera: m above it. */
+typedef struct {
+    const float *inverse_depth, *above;
+    const int32_t *labels;
+    const unsigned char *stands_out;
+    ptrdiff_t h, w;
+    float camera;
+} Rising;
+
+/* Fills `found` for patches 0 … patches − 1. */
+int find_wrinkles(const Rising *image, ptrdiff_t patches, unsigned char *found);
+
+/* Numbers of points: three of each plane that is drawn; for `half` of them others, of which the nearest two take the
+ * place of the last two of the three; those that planes are tested on; how many more planes are level. */
+enum { NEARBY = 16 };
+
+typedef struct {
+    const int64_t *corners, *drawn, *tested;
+    ptrdiff_t hypotheses, half, tests, level;
+} Draws;
+
+/* Whether any was found; `up` may be NULL. */
+int draw_plane(const double *points, ptrdiff_t count, const Draws *draws, const double *up, double least_cosine,
+               double distance, double best[4]);
+
+/* Changes plane (4), width and sets the residual. */
+int refine_plane(const double *points, ptrdiff_t count, const double band[2], double *plane, double *width, double *residual);
 
 /* Fills `labels`; returns their number. */
 ptrdiff_t label_pieces(const unsigned char *mask, ptrdiff_t h, ptrdiff_t w, int32_t *labels);
@@ -77,6 +121,54 @@ enum { SUMS = 39, BINS = 256, SIDES = 5 };
 
 /* Adds to rows 0 … count − 1 of sums, bins and sides. */
 int measure_patches(const Measured *image, ptrdiff_t count, double *sums, double *bins, double *sides);
+
+/* Such sums of patches or groups 0 … count − 1. with_table: whether one was found. */
+typedef struct {
+    const double *sums, *bins, *sides;
+    ptrdiff_t count;
+    int with_table;
+} PatchSums;
+
+/* Pairs of patches, and whether both lie behind one, or at one hole. */
+typedef struct {
+    const int64_t *first, *second;
+    const unsigned char *behind_one, *at_hole;
+    ptrdiff_t count;
+} Pairs;
+
+enum { OF_BOTH = 57, OF_GROUP = 21 };
+
+/* Features of pairs (count × OF_BOTH) and groups (count × OF_GROUP); `up` may be NULL. */
+int describe_pairs(const PatchSums *patches, const Pairs *pairs, const double *up, float *features);
+void describe_groups(const PatchSums *groups, const double *up, float *features);
+
+/* The surfaces at both sides of borders. up (3): NULL where there is no table. */
+typedef struct {
+    const float *fitted, *slopes, *normals, *positions, *height;
+    const int32_t *labels;
+    const double *up;
+    ptrdiff_t h, w;
+} BorderImage;
+
+/* Pixels across borders, as in patch_pairs.Borders. */
+typedef struct {
+    const int64_t *inner, *outer, *steps, *forward;
+    const unsigned char *along_row;
+    ptrdiff_t count;
+} PixelPairs;
+
+/* Whose borders they are: pair k's are from start[k] to start[k + 1]; sums and sides of the patches. */
+typedef struct {
+    const int64_t *start, *first, *second, *adjoining;
+    const double *sums, *sides;
+    ptrdiff_t pairs, count;
+} BorderPatches;
+
+enum { AT_BORDER = 30 };
+
+/* Features of pairs (pairs × AT_BORDER), and how many pixel pairs show the first one and the second one in front. */
+int describe_borders(const BorderImage *image, const PixelPairs *pairs, const BorderPatches *patches, float *features,
+                     int64_t *in_front);
 
 /* Trees as in boosted_trees.py. */
 typedef struct {

@@ -15,19 +15,39 @@ from scipy import ndimage
 from grasping.segmentation import kernels
 from grasping.segmentation.boosted_trees import BoostedTrees
 from grasping.segmentation.correlation_clustering import cluster_reference
-from grasping.segmentation.patch_measures import BINS, SIDES, SUMS, sums_reference
-from grasping.segmentation.patch_pairs import steps_to_borders, steps_to_borders_reference
+from grasping.segmentation.group_features import OF_SHAPE, shapes_of_groups, shapes_of_groups_reference
+from grasping.segmentation.pair_features import (
+    AT_BORDER,
+    OF_BOTH,
+    border_features,
+    border_features_reference,
+    shape_features,
+    shape_features_reference,
+)
+from grasping.segmentation.patch_measures import BINS, SIDES, SUMS, PatchSums, sums_reference
+from grasping.segmentation.patch_pairs import borders, steps_to_borders, steps_to_borders_reference
 from grasping.segmentation.pieces import label_pieces
+from grasping.segmentation.planes import LEVEL, NEARBY, draw_plane_reference, refine, refine_reference
 from grasping.segmentation.surface_fits import SurfaceFits, fit_surfaces_reference
 from grasping.segmentation.surface_patches import edges_reference, grow_patches_reference, merge_patches_reference
-from grasping.segmentation.table_relief import mean_of_nine, mean_of_nine_reference
+from grasping.segmentation.table_relief import (
+    Relief,
+    heights_over,
+    mean_of_nine,
+    mean_of_nine_reference,
+    rise_over_table,
+    stand_out,
+    stand_out_reference,
+)
 from grasping.segmentation.working_image import (
+    WorkingImage,
     inverse_depths,
     inverse_depths_reference,
     positions,
     positions_reference,
     reduce_blocks_reference,
 )
+from grasping.segmentation.wrinkles import wrinkles, wrinkles_reference
 
 compiled: Any = kernels.compiled
 pytestmark = pytest.mark.skipif(compiled is None, reason="this installation has no compiled kernels")
@@ -118,11 +138,98 @@ def test_points_and_inverse_depths_are_alike(random: np.random.Generator, shape:
 @given(seeds, shapes)
 def test_means_and_pieces_are_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
     values, mask = scene(random, shape), random.random(shape) < random.choice([0, 0.3, 0.6, 1])
-    same(mean_of_nine(values, mask), mean_of_nine_reference(values, mask))
+    q, most = np.where(mask, values, np.float32(0)), random.choice([0.02, 1.0, 5.0])
+    same(mean_of_nine(values, q, most), mean_of_nine_reference(values, q, most))
     labels, count = label_pieces(mask)
     expected, number = ndimage.label(mask)
     assert count == number
     same(labels, expected)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seeds, st.integers(3, 60), st.booleans())
+def test_planes_are_drawn_and_refined_alike(random: np.random.Generator, count: int, level: bool) -> None:
+    points = random.normal(0, 1, (count, 3)) * [1, 1, random.choice([0, 0.01, 1])]
+    if random.random() < 0.3:
+        points = np.round(points)  # many alike, and many on one line
+    corners, drawn = random.integers(0, count, (LEVEL + 20, 3)), random.integers(0, count, (20, NEARBY))
+    tested, up = random.integers(0, count, 50), np.array([0.0, 0.0, 1.0]) if level else None
+    plane = np.empty(4)
+    found = compiled.draw_plane(points, corners, drawn, tested, up, LEVEL, np.cos(np.radians(20)), 0.05, plane)
+    expected = draw_plane_reference(points, corners, drawn, tested, up, 0.05)
+    assert found == (expected is not None)
+    equation = np.array([0.0, 0.6, 0.8, random.normal()])
+    if expected is not None:
+        same(plane, expected)
+        equation = plane
+    one, other = (way(points, equation, 0.1, (0.003, 0.2)) for way in (refine, refine_reference))
+    same(one.equation, other.equation)
+    assert (one.band, one.residual) == (other.band, other.residual)
+
+
+def image_of(q: Any) -> WorkingImage:
+    rays = np.array([[0.002, 0, -0.08], [0, 0.002, -0.05], [0, 0, 1]])
+    return WorkingImage(q, rays, np.zeros(3), 0.002, np.arange(q.size, dtype=np.int32), q.ravel())
+
+
+@settings(deadline=None, max_examples=30)
+@given(seeds, shapes)
+def test_what_stands_out_of_a_table_is_alike(random: np.random.Generator, shape: tuple[int, int]) -> None:
+    q = scene(random, shape)
+    image, plane = image_of(q), np.array([0.1, 0.0, -1.0, random.uniform(1, 1.3)])
+    bend = random.normal(0, 0.001, shape).astype(np.float32)
+    noise, mean_noise = random.uniform(0.001, 0.01, 2)
+    level, height = heights_over(image, plane)
+    table, above = rise_over_table(q, level, bend)
+    mean = mean_of_nine(above, q, 0.05)
+    found = stand_out(q, above, mean, height, noise, mean_noise)
+    same(found, stand_out_reference(q, above, mean, height, noise, mean_noise))
+    labels, count = label_pieces(found | (random.random(shape) < 0.1))
+    above = np.where(random.random(shape) < 0.5, above, above * np.float32(0.1))
+    what = (labels, count, Relief(above, table, noise, found), q, 0.8)
+    same(wrinkles(*what), wrinkles_reference(*what))
+    kernels.compiled = None
+    try:
+        expected = (*heights_over(image, plane), *rise_over_table(q, level, bend))
+    finally:
+        kernels.compiled = compiled
+    for one, other in zip((level, height, *rise_over_table(q, level, bend)), expected, strict=True):
+        same(one, other)
+
+
+def sums_of(random: np.random.Generator, q: Any, labels: Any, count: int, with_table: bool) -> PatchSums:
+    rows = [np.zeros((count + 1, width)) for width in (SUMS, BINS, SIDES)]
+    normals = random.normal(size=(*q.shape, 3)).astype(np.float32) * np.float32(0.5)
+    height = random.normal(0.1, 0.1, q.shape).astype(np.float32)
+    edge, table = random_edges(random, q.shape), random.random(q.shape) < 0.3
+    above, noise = random.normal(0, 0.02, q.shape).astype(np.float32), 0.002 if with_table else np.nan
+    compiled.measure_patches(q, normals, positions_of(q), labels, edge, height, table, above, 0.002, noise, *rows)
+    return PatchSums(rows[0], rows[1], rows[2], with_table)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seeds, shapes, st.booleans())
+def test_patches_and_pairs_of_them_are_described_alike(
+    random: np.random.Generator, shape: tuple[int, int], with_table: bool
+) -> None:
+    q = scene(random, shape)
+    labels, count = label_pieces((q > 0) & (random.random(shape) < random.choice([0.3, 0.6, 0.9])))
+    up = np.array([0.0, -0.6, -0.8]) if with_table else None
+    patches = sums_of(random, q, labels, count, with_table)
+    same(shapes_of_groups(patches, up), shapes_of_groups_reference(patches, up))
+    pairs = np.argwhere(np.triu(random.random((count, count)) < 4 / max(count, 1), 1)).T + 1
+    first, second = np.ascontiguousarray(pairs)
+    flags = [random.random(len(first)) < 0.5 for _ in range(2)]
+    same(
+        shape_features(first, second, flags[0], flags[1], patches, up),
+        shape_features_reference(first, second, flags[0], flags[1], patches, up),
+    )
+    asked = np.flatnonzero(labels)
+    found = borders(labels, count, (labels == 0) & (random.random(shape) < 0.8))
+    height = random.normal(0.1, 0.1, shape).astype(np.float32) if with_table else np.full_like(q, np.nan)
+    what = (found, fits_of(q, asked), positions_of(q), labels, height, up, patches)
+    for one, other in zip(border_features(*what), border_features_reference(*what), strict=True):
+        same(one, other)
 
 
 @settings(deadline=None, max_examples=30)
@@ -271,7 +378,8 @@ def test_no_number_hangs_or_crashes_the_kernels(value: float) -> None:
     compiled.reduce_blocks(q, 3, reduced)
     fits, places = fits_of(q, asked), positions_of(q)
     places[random.random(q.shape) < 0.1] = value
-    mean_of_nine(q, q > 0)
+    mean_of_nine(q, q, 0.02)
+    stand_out(q, q, q, q, value, value)
     edge = edges_of(fits, places, asked)
     edge[random.random(q.shape) < 0.1] = value
     labels = np.zeros(q.shape, dtype=np.int32)
@@ -295,10 +403,25 @@ def calls() -> dict[str, list[Any]]:
     nodes = [trees.feature, trees.threshold, trees.left, trees.right, trees.missing_left, trees.value, trees.start]
     sums = [np.zeros((2, width)) for width in (SUMS, BINS, SIDES)]
     mask = np.ones(shape, dtype=bool)
+    points, three_of, drawn = np.eye(9)[:, :3].copy(), np.arange(9).reshape(3, 3), np.zeros((2, NEARBY), dtype=np.int64)
+    flags = [np.ones(1, dtype=bool), np.ones(1, dtype=bool)]
+    surface = [one, blank(shape, 2), three, three.copy(), one.copy(), labels, np.ones(3)]
+    pixel_pairs = [np.array([5, 6]), np.array([6, 7]), np.array([1, 1]), np.array([True, False]), np.array([1, 1])]
+    of_pairs = [np.arange(3), np.array([0, 0]), np.array([1, 1]), np.array([1, 0]), sums[0], sums[2]]
+    pairs = [*of_pairs, blank((2,), len(AT_BORDER)), np.zeros((2, 2), dtype=np.int64)]
     return {
         "positions": [one, blank((10,), 3), blank((8,), 3), three],
         "inverse_depths": [blank((20,), 3), np.ones(20, dtype=bool), 0.0, 0.0, 1.0, 0.0, blank((20,))],
-        "mean_of_nine": [one, mask, one.copy()],
+        "find_heights": [one, blank((10,)), blank((8,)), 0.5, one.copy(), one.copy()],
+        "rise_over_table": [one, one.copy(), one.copy(), one.copy(), one.copy()],
+        "mean_of_nine": [one, one.copy(), 0.02, one.copy()],
+        "stand_out": [one, one.copy(), one.copy(), one.copy(), 0.1, 0.1, 0.1, 0.1, mask],
+        "find_wrinkles": [labels, one, one.copy(), mask, 0.5, np.zeros(3, dtype=bool)],
+        "draw_plane": [points, three_of, drawn, np.arange(9), points[1].copy(), 2, 0.9, 0.01, np.zeros(4)],
+        "refine_plane": [points, 0.01, 0.001, 0.02, np.array([0.0, 0.0, 1.0, 0.0])],
+        "describe_borders": [*surface, *pixel_pairs, *pairs],
+        "describe_pairs": [*sums, True, np.array([0]), np.array([1]), *flags, np.ones(3), blank((1,), len(OF_BOTH))],
+        "describe_groups": [*sums, True, np.ones(3), blank((2,), len(OF_SHAPE))],
         "label_pieces": [mask, labels],
         "steps_to_borders": [labels, mask, np.zeros((2, *shape), dtype=np.uint8)],
         "reduce_blocks": [one, 2, blank((4, 5))],
@@ -325,8 +448,16 @@ def test_the_kernels_refuse_arrays_that_they_cannot_read(name: str) -> None:
             ("edges", 4),
             ("pack_trees", 6),
             ("cluster", 3),
+            ("find_wrinkles", 5),
+            ("draw_plane", 0),
+            ("draw_plane", 1),
+            ("draw_plane", 2),
+            ("draw_plane", 3),
+            ("refine_plane", 0),
         }
-        wrong: list[Any] = [argument.astype(np.complex64), argument.astype(np.int16), None, 3, argument[None]]
+        if argument.shape == (3,) and name in ("draw_plane", "describe_borders", "describe_pairs", "describe_groups"):
+            continue  # up, which may be None
+        wrong: list[Any] = [argument.astype(np.complex64), np.zeros_like(argument, np.int16), None, 3, argument[None]]
         if not size_is_free:
             wrong += [np.concatenate([argument, argument])]
         if argument.ndim > 1:
@@ -342,12 +473,22 @@ def test_the_kernels_refuse_arrays_that_they_cannot_read(name: str) -> None:
 def test_indices_out_of_range_are_refused(index: int) -> None:
     given = calls()
     bad = np.array([0, index, 1])
-    for name, place in (("fit_surfaces", 1), ("edges", 4)):
+    for name, place in (("fit_surfaces", 1), ("edges", 4), ("draw_plane", 3)):
         with pytest.raises(ValueError, match="out of the array"):
             getattr(compiled, name)(*given[name][:place], bad, *given[name][place + 1 :])
     with pytest.raises(ValueError, match="out of the array"):
         compiled.cluster(np.array([0]), np.array([index]), np.array([1.0]), np.zeros(3, dtype=np.int64))
+    for name, places in (("draw_plane", (1, 2)), ("describe_borders", (7, 8, 12, 13, 14)), ("describe_pairs", (4, 5))):
+        for place in places:
+            arguments = calls()[name]
+            arguments[place].reshape(-1)[0] = index
+            with pytest.raises(ValueError, match="out of the array"):
+                getattr(compiled, name)(*arguments)
     label = np.int32(np.clip(index, -5, 2**31 - 1))
+    arguments = calls()["find_wrinkles"]
+    arguments[0][3, 3] = label
+    with pytest.raises(ValueError, match="out of the array"):
+        compiled.find_wrinkles(*arguments)
     edge, _, labels = given["grow_patches"]
     labels[3, 3] = label
     with pytest.raises(ValueError, match="out of the array"):
