@@ -1,4 +1,4 @@
-"""Where the camera is: `pecgrasp calibrate board`, `… FOLDER`, `… check FOLDER`; settings in conf/calibrate.yaml."""
+"""Where the camera is: `pecgrasp calibrate board`, `… record FOLDER`, `… FOLDER`, `… check FOLDER`."""
 
 import json
 import re
@@ -13,22 +13,25 @@ from omegaconf.errors import OmegaConfBaseException
 
 from grasping import CloudError, ConfigError
 from pecgrasp.from_settings import made
-from pecgrasp.settings import CONF
+from pecgrasp.settings import CONF, plain
 from pecgrasp_env.real.calibration.board_sheet import write_sheet
 from pecgrasp_env.real.calibration.calibrate import Calibration
 from pecgrasp_env.real.calibration.errors import CalibrationError
 from pecgrasp_env.real.calibration.folder import calibrate_folder
+from pecgrasp_env.real.calibration.record_views import record_views
 from pecgrasp_env.real.calibration.touch_up import TouchUp, check_folder
-from pecgrasp_env.real.errors import MissingExtra
-from pecgrasp_env.robot.camera_mount import MountError, read_mount
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA
+from pecgrasp_env.real.calibration.ur_flange import ur_flange
+from pecgrasp_env.real.camera.realsense import infrared_image
+from pecgrasp_env.real.errors import RobotError
+from pecgrasp_env.real.ur_models import URModel
+from pecgrasp_env.robot.camera_mount import MountError, mount_of, read_mount
 
-REFUSALS = (CalibrationError, CloudError, ConfigError, MissingExtra, MountError, OSError, OmegaConfBaseException)
+REFUSALS = (CalibrationError, CloudError, ConfigError, RobotError, MountError, OSError, OmegaConfBaseException)
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="calibrate")
 def calibrate(cfg: DictConfig) -> None:
-    actions = {"board": print_board, "hand_eye": hand_eye, "check": check}
+    actions = {"board": print_board, "record": record, "hand_eye": hand_eye, "check": check}
     try:
         if cfg.action not in actions:
             raise ConfigError(f"action={cfg.action}: one of {', '.join(actions)}")
@@ -43,6 +46,24 @@ def print_board(cfg: DictConfig, output: Path) -> None:
     for suffix in ("pdf", "svg", "png"):
         write_sheet(output / f"board.{suffix}", board, cfg.paper)
     print(f"{output}/board.pdf, .svg, .png: print one at 100 %, glue it on a flat plate, measure its ruler of 100 mm")
+
+
+def record(cfg: DictConfig, output: Path) -> None:
+    if cfg.host is None:
+        raise ConfigError("host=… must be given: the address of the arm's controller, which says where the hand is")
+    board, model = made(cfg.board), URModel.from_mapping(plain(cfg.robot))
+    flange = ur_flange(cfg.host, model)
+    count = record_views(
+        Path(cfg.views), board, lambda: infrared_image(resolution=cfg.resolution), flange, one_more, print, cfg.parent
+    )
+    print(f"{count} pictures in {cfg.views}; now: pecgrasp calibrate {cfg.views}")
+
+
+def one_more(words: str) -> bool:
+    try:
+        return input(f"{words}; Enter takes it, q ends: ").strip().lower() not in ("q", "quit")
+    except EOFError:
+        return False
 
 
 def hand_eye(cfg: DictConfig, output: Path) -> None:
@@ -66,7 +87,7 @@ def hand_eye(cfg: DictConfig, output: Path) -> None:
 def check(cfg: DictConfig, output: Path) -> None:
     if cfg.mount is None and cfg.parent != "tool0":
         raise ConfigError(f"mount=FILE must be given with parent={cfg.parent}")
-    mount = T_TOOL0_CAMERA if cfg.mount is None else read_mount(cfg.mount, cfg.parent)
+    mount = mount_of(cfg.mount) if cfg.parent == "tool0" else read_mount(cfg.mount, cfg.parent)
     result: TouchUp = check_folder(Path(cfg.views), mount, cfg.parent)
     print(f"{'view':24}{'table mm':>10}{'°':>7}{'object mm':>11}{'°':>7}")
     for row in result.rows():
@@ -91,7 +112,7 @@ def main() -> None:
 def with_names(words: list[str]) -> list[str]:
     """The same words; those in front that are no overrides become action= and views=."""
     found: list[str] = []
-    if words and words[0] in ("board", "check"):
+    if words and words[0] in ("board", "record", "check"):
         found.append(f"action={words[0]}")
         words = words[1:]
     if words and not words[0].startswith(("-", "+", "~")) and "=" not in words[0]:

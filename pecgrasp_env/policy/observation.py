@@ -60,6 +60,13 @@ class RobotObservation:
         return forward_kinematics(self.q) @ T_TOOL0_CAMERA if self.camera is None else self.camera
 
     @property
+    def T_tool0_camera(self) -> np.ndarray:
+        """How the camera stands to the hand now, wherever it is mounted; the bracket's, where the arm is not known."""
+        if self.camera is None or not self.knows_arm:
+            return T_TOOL0_CAMERA
+        return np.linalg.inv(forward_kinematics(self.q)) @ self.camera
+
+    @property
     def robot(self) -> np.ndarray:
         """(K, 4) x, y, z and radius, m, camera frame: spheres that cover what is known of the robot.
 

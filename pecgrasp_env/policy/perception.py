@@ -42,9 +42,9 @@ class View:
         return _moved(self.observation.T_base_camera, cloud[np.isfinite(cloud[:, 2])])
 
 
-def gripper_mask(points_camera: np.ndarray, opening: float) -> np.ndarray:
+def gripper_mask(points_camera: np.ndarray, opening: float, T_tool0_camera: np.ndarray = T_TOOL0_CAMERA) -> np.ndarray:
     """(…,) bool: points (…, 3) of the camera frame that may lie on the gripper or on what it holds."""
-    T_gripper_camera = np.linalg.inv(T_TOOL0_GRIPPER) @ T_TOOL0_CAMERA
+    T_gripper_camera = np.linalg.inv(T_TOOL0_GRIPPER) @ T_tool0_camera
     R, t = T_gripper_camera[:3, :3], T_gripper_camera[:3, 3]
     hand = ROBOTIQ_2F_140
     tip = hand.pad_depth(opening) + hand.pad_length / 2 + _GRIPPER_MARGIN_M
@@ -70,7 +70,7 @@ def _without_gripper(observation: RobotObservation) -> np.ndarray:
     """(H, W, 3) in the camera frame, NaN where nothing was measured, or the gripper and what it holds."""
     cloud = deproject(*observation.frame)
     if observation.knows_gripper:
-        cloud[gripper_mask(cloud, observation.opening)] = np.nan
+        cloud[gripper_mask(cloud, observation.opening, observation.T_tool0_camera)] = np.nan
     return cloud
 
 

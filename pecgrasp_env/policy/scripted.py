@@ -28,7 +28,7 @@ from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.put_down import plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject
 from pecgrasp_env.policy.viewpoints import look_postures, posture_above, posture_beside
-from pecgrasp_env.robot.kinematics import UP
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, UP
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 _WAITING_FORCE_N = 60.0  # of a gripper that holds nothing
@@ -57,6 +57,8 @@ class ScriptedPolicy:
         clear: take away what lies on the asked-for object and put it down on the free table, first.
         answers: actions are (9,), for a task with ``absent``: the last number is 1 once it says that nothing of the
             asked-for class is there, which is when it has looked from all its places and nothing may be it; else -1.
+        T_tool0_camera: (4, 4), how the camera is mounted, from a calibration (`pecgrasp_env.robot.camera_mount`), for
+            the postures from which it looks; the default is this project's bracket.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class ScriptedPolicy:
         attempts: int = 3,
         clear: bool = False,
         answers: bool = False,
+        T_tool0_camera: ArrayLike = T_TOOL0_CAMERA,
     ) -> None:
         if not 0 < min_confidence <= 1:
             raise ValueError(f"min_confidence={min_confidence}: must be in (0, 1]")
@@ -83,6 +86,7 @@ class ScriptedPolicy:
         self.attempts = attempts
         self.clear = clear
         self.answers = answers
+        self.T_tool0_camera = np.asarray(T_tool0_camera, float)
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
@@ -220,7 +224,7 @@ class ScriptedPolicy:
         objects: seen before, and not touched since. Returns the objects, the views, and the last observation.
         """
         views: list[View] = []
-        postures = look_postures()
+        postures = look_postures(self.T_tool0_camera)
         for k in range(len(postures)):
             q = self._next_posture(pick_planner, objects, k)
             self.log.doing = f"looking, view {self.log.views + 1}"
@@ -243,11 +247,12 @@ class ScriptedPolicy:
                 # Below what hides it: from the other side, then from beside.
                 turn = np.deg2rad((180.0, 90.0, 270.0)[k - 1])
                 c, s = np.cos(turn), np.sin(turn)
-                q = posture_beside(place, np.array([[c, -s], [s, c]]) @ hides)
+                q = posture_beside(place, np.array([[c, -s], [s, c]]) @ hides, self.T_tool0_camera)
                 if q is not None:
                     return q
-            return posture_above(place, k)  # from straight above, nothing hides behind its neighbours
-        postures = look_postures()
+            # From straight above, nothing hides behind its neighbours.
+            return posture_above(place, k, self.T_tool0_camera)
+        postures = look_postures(self.T_tool0_camera)
         return postures[(len(self.log.failures) + k) % len(postures)]
 
     def _put_down(

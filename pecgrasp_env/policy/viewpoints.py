@@ -34,43 +34,54 @@ def look_at(eye: tuple[float, float, float], target: tuple[float, float, float])
     return T
 
 
-@lru_cache(maxsize=1)
-def look_postures() -> tuple[np.ndarray, ...]:
-    """Joint angles (6,) of each view, the one from above first."""
+def look_postures(T_tool0_camera: np.ndarray = T_TOOL0_CAMERA) -> tuple[np.ndarray, ...]:
+    """Joint angles (6,) of each view, the one from above first. T_tool0_camera: (4, 4), how the camera is mounted.
+
+    Raises ValueError for a mounting with which the arm cannot bring it there.
+    """
+    return _look_postures(np.asarray(T_tool0_camera, float).tobytes())
+
+
+@lru_cache(maxsize=4)
+def _look_postures(mount: bytes) -> tuple[np.ndarray, ...]:
+    T_camera_tool0 = np.linalg.inv(np.frombuffer(mount).reshape(4, 4))
     postures = []
     for eye in _EYES:
-        solutions = solutions_near(look_at(eye, _TARGET) @ np.linalg.inv(T_TOOL0_CAMERA), HOME, HOME)
+        solutions = solutions_near(look_at(eye, _TARGET) @ T_camera_tool0, HOME, HOME)
         if not len(solutions):
             raise ValueError(f"the camera cannot be brought to {eye}")
         postures.append(solutions[0])
     return tuple(postures)
 
 
-def posture_beside(place: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+def posture_beside(
+    place: np.ndarray, direction: np.ndarray, T_tool0_camera: np.ndarray = T_TOOL0_CAMERA
+) -> np.ndarray | None:
     """Joint angles (6,) from which the camera looks at a place (3,), base frame, m, tilted, from a side (2,) or as near
-    to that side as the arm can; None where it cannot.
+    to that side as the arm can; None where it cannot. T_tool0_camera: (4, 4), how the camera is mounted.
     """
     heading = float(np.arctan2(direction[1], direction[0]))
     for turned in _TURNS:
         x, y = _HEIGHT * np.sin(_TILT) * np.array([np.cos(heading + turned), np.sin(heading + turned)])
         eye = (float(place[0] + x), float(place[1] + y), float(place[2] + _HEIGHT * np.cos(_TILT)))
         T = look_at(eye, (float(place[0]), float(place[1]), float(place[2])))
-        solutions = solutions_near(T @ np.linalg.inv(T_TOOL0_CAMERA), HOME, HOME)
+        solutions = solutions_near(T @ np.linalg.inv(T_tool0_camera), HOME, HOME)
         if len(solutions):
             return solutions[0]
     return None
 
 
-def posture_above(place: np.ndarray, turn: int) -> np.ndarray:
+def posture_above(place: np.ndarray, turn: int, T_tool0_camera: np.ndarray = T_TOOL0_CAMERA) -> np.ndarray:
     """Joint angles (6,) from which the camera looks straight down on a place (3,), base frame, m, as near to it as the
     arm reaches. turn: 1, 2, … how often it was looked at so before; each time the camera is turned a little.
+    T_tool0_camera: (4, 4), how it is mounted.
     """
     for height in (_HEIGHT, _HEIGHT + 0.08):
         for shrink in (1.0, 0.9, 0.8):
             x, y = float(place[0]) * shrink, float(place[1]) * shrink
             T = look_at((x, y, height), (x, y, 0.0))
             T[:3, :3] = T[:3, :3] @ Rotation.from_euler("z", 0.3 * (turn if turn % 2 else -turn)).as_matrix()
-            solutions = solutions_near(T @ np.linalg.inv(T_TOOL0_CAMERA), HOME, HOME)
+            solutions = solutions_near(T @ np.linalg.inv(T_tool0_camera), HOME, HOME)
             if len(solutions):
                 return solutions[0]
-    return look_postures()[0]
+    return look_postures(T_tool0_camera)[0]

@@ -8,11 +8,13 @@ T_tool0_camera:              # maps points of the camera's frame (x right, y dow
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA
 
 PARENTS = ("tool0", "base")
 _FARTHEST_M = {"tool0": 0.5, "base": 5.0}
@@ -20,6 +22,15 @@ _FARTHEST_M = {"tool0": 0.5, "base": 5.0}
 
 class MountError(ValueError):
     """A file from which no camera's place can be read; the message names it and the way out."""
+
+
+def mount_of(setting: str | Path | Sequence[Sequence[float]] | None) -> np.ndarray:
+    """T_tool0_camera (4, 4) of a setting: a file, the matrix itself, or None, the drawing's. Raises MountError."""
+    if setting is None:
+        return T_TOOL0_CAMERA
+    if isinstance(setting, (str, Path)):
+        return read_mount(setting)
+    return _checked("T_tool0_camera", setting, "tool0")
 
 
 def read_mount(path: str | Path, parent: str = "tool0") -> np.ndarray:
@@ -34,19 +45,21 @@ def read_mount(path: str | Path, parent: str = "tool0") -> np.ndarray:
     if not isinstance(stored, Mapping) or key not in stored:
         held = ", ".join(map(str, stored)) if isinstance(stored, Mapping) else type(stored).__name__
         raise MountError(f"{path}: holds {held}, and no {key}: `pecgrasp calibrate` writes it")
+    return _checked(f"{path}: {key}", stored[key], parent)
+
+
+def _checked(name: str, value: Any, parent: str) -> np.ndarray:
     try:
-        T = np.asarray(stored[key], float)
+        T = np.asarray(value, float)
     except (TypeError, ValueError) as error:
-        raise MountError(f"{path}: {key}: {error}: four rows of four numbers") from error
+        raise MountError(f"{name}: {error}: four rows of four numbers") from error
     if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-6:
-        raise MountError(
-            f"{path}: {key} of shape {T.shape} is no transform: four rows of four numbers, the last 0 0 0 1"
-        )
+        raise MountError(f"{name} of shape {T.shape} is no transform: four rows of four numbers, the last 0 0 0 1")
     R = T[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
-        raise MountError(f"{path}: {key}: its turn is no rotation")
+        raise MountError(f"{name}: its turn is no rotation")
     if np.linalg.norm(T[:3, 3]) > _FARTHEST_M[parent]:
-        raise MountError(f"{path}: {key} puts the camera {np.linalg.norm(T[:3, 3]):.3g} m away: metres are wanted")
+        raise MountError(f"{name} puts the camera {np.linalg.norm(T[:3, 3]):.3g} m away: metres are wanted")
     return T
 
 

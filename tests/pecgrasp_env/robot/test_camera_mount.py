@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pecgrasp_env.robot.camera_mount import MountError, read_mount, write_mount
+from pecgrasp_env.robot.camera_mount import MountError, mount_of, read_mount, write_mount
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA
 
 
 @pytest.mark.parametrize("parent", ["tool0", "base"])
@@ -37,6 +38,17 @@ def test_what_is_no_place_is_refused(text, words, tmp_path: Path):
     (tmp_path / "camera.yaml").write_text(text)
     with pytest.raises(MountError, match=words):
         read_mount(tmp_path / "camera.yaml")
+
+
+def test_a_setting_is_a_file_a_matrix_or_nothing(tmp_path: Path):
+    T = np.eye(4)
+    T[:3, 3] = 0.01, -0.1, 0.05
+    write_mount(tmp_path / "camera.yaml", "tool0", T, {})
+    for setting in (str(tmp_path / "camera.yaml"), T.tolist()):
+        np.testing.assert_allclose(mount_of(setting), T)
+    assert mount_of(None) is T_TOOL0_CAMERA
+    with pytest.raises(MountError, match=r"T_tool0_camera of shape \(2,\)"):
+        mount_of([1.0, 2.0])
 
 
 def test_a_missing_file_is_named(tmp_path: Path):
