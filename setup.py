@@ -29,7 +29,7 @@ class BuildKernels(build_ext):
                     other.unlink()
 
 
-FOLDERS = ("grasping/curvature_planner", "grasping/segmentation", "pec/preprocessing")
+FOLDERS = ("grasping/curvature_planner", "grasping/pose", "grasping/segmentation", "pec/preprocessing")
 
 # One wheel for every Python: the stable ABI. Buffers entered its headers with 3.11, but 3.10 exports the same functions
 # and lays Py_buffer out alike, so what 3.11 or newer builds runs on 3.10, too; 3.10 itself builds for itself alone.

@@ -81,7 +81,7 @@ def test_the_wheel_of_the_sdist_plans_and_passes_the_planners_tests_outside_of_t
     assert "-cp310-abi3-" in wheel.name or sys.version_info < (3, 11)
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0] for name in names if ".dist-info" not in name} == set(PACKAGES)
-    assert sum("/_kernels." in name and not name.endswith(".pyi") for name in names) == 3
+    assert sum("/_kernels." in name and not name.endswith(".pyi") for name in names) == 4
     run(sys.executable, "-m", "venv", "--without-pip", "venv", cwd=tmp_path)
     python = tmp_path / "venv/bin/python"
     run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", wheel, cwd=tmp_path)
