@@ -58,7 +58,7 @@ def calibrate(
     ]
     if len(seen) >= 2:
         variety = variety_of([view.name for view in seen], np.array([view.T_mount_world for view in seen]), parent)
-    hand_eye = calibrate_hand_eye(seen, intrinsics)
+    hand_eye = calibrate_hand_eye(seen, intrinsics, parent)
     words = [*_doubts(hand_eye, seen), *variety.words]
     return Calibration(parent, intrinsics, used, left_out, hand_eye, variety, words)
 

@@ -86,8 +86,8 @@ class HandEye:
         return self.methods[0]
 
 
-def calibrate_hand_eye(views: Sequence[BoardView], intrinsics: CameraIntrinsics) -> HandEye:
-    """Raises CalibrationError for too few views."""
+def calibrate_hand_eye(views: Sequence[BoardView], intrinsics: CameraIntrinsics, parent: str = "tool0") -> HandEye:
+    """parent: "tool0" or "base", which carries the camera. Raises CalibrationError for too few views."""
     if len(views) < LEAST_VIEWS:
         raise CalibrationError(
             f"{len(views)} views show the board, at least {LEAST_VIEWS} are needed and 20 wanted: take more"
@@ -107,7 +107,8 @@ def calibrate_hand_eye(views: Sequence[BoardView], intrinsics: CameraIntrinsics)
         )
     start = min(closed.values(), key=lambda each: each.rms[0])
     begin = (start.T_mount_camera, start.T_world_board)
-    weights = _weights(views, seen, intrinsics, begin[0])
+    hand_boards = [begin[0] @ board for board in seen] if parent == "tool0" else [begin[1]] * len(views)
+    weights = _weights(views, seen, intrinsics, hand_boards)
     whole = _least_squares(views, seen, weights, begin)
     refined = [whole, *_without_each(views, seen, weights, whole)]
     best = _judged(REFINED, views, seen, intrinsics, refined)
@@ -154,9 +155,15 @@ def _closed_form(
 
 
 def _weights(
-    views: Sequence[BoardView], seen: Sequence[np.ndarray], intrinsics: CameraIntrinsics, T_mount_camera: np.ndarray
+    views: Sequence[BoardView],
+    seen: Sequence[np.ndarray],
+    intrinsics: CameraIntrinsics,
+    T_tool0_board: Sequence[np.ndarray],
 ) -> np.ndarray:
-    """(n, 6, 6) that make of each view's error, a shift and a turn in the board's frame, one of unit covariance."""
+    """(n, 6, 6) that make of each view's error, a shift and a turn in the board's frame, one of unit covariance.
+
+    T_tool0_board: of each view, since the arm errs where its hand is, whatever the hand carries.
+    """
     slopes = [_slopes(view.corners, T, intrinsics) for view, T in zip(views, seen, strict=True)]
     squares, freedom = 0.0, 0
     for view, T in zip(views, seen, strict=True):
@@ -165,8 +172,8 @@ def _weights(
     noise = max(_LEAST_NOISE**2, squares / max(1, freedom))
     arm = np.diag([ARM_SHIFT**2] * 3 + [ARM_TURN**2] * 3)
     weights = []
-    for slope, T in zip(slopes, seen, strict=True):
-        to_board = _adjoint(np.linalg.inv(T_mount_camera @ T))
+    for slope, T in zip(slopes, T_tool0_board, strict=True):
+        to_board = _adjoint(np.linalg.inv(T))
         covariance = noise * np.linalg.inv(slope.T @ slope) + to_board @ arm @ to_board.T
         weights.append(np.linalg.cholesky(np.linalg.inv(covariance)).T)
     return np.array(weights)

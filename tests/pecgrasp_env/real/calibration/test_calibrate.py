@@ -51,7 +51,7 @@ def noisy_views(n: int, seed: int) -> list[BoardView]:
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_exact_views_give_the_exact_place_by_every_method(mount):
-    found = calibrate_hand_eye(exact_views(8, 0, mount), CAMERA)
+    found = calibrate_hand_eye(exact_views(8, 0, mount), CAMERA, mount)
     assert [found.best.method, *sorted(each.method for each in found.methods[1:])] == [REFINED, *sorted(METHODS)]
     for each in found.methods:
         off, turned = error_of(each.T_mount_camera, mount)
