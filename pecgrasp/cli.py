@@ -24,6 +24,9 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "strangers": ("sim", "whether a classifier knows what it does not know"),
     "robustness": ("learn", "trained classifiers on corrupted clouds"),
     "export-onnx": ("onnx", "a trained classifier for other runtimes"),
+    "pick": ("ur", "one object by its name, with an arm of one's own"),
+    "replay-pick": (None, "a pick that was recorded, planned again"),
+    "fake-robot": (None, "an arm that is not there, for trying the way to it"),
     "record-demos": ("sim", "trajectories of the scripted policy"),
     "train-bc": ("sim", "a policy from recorded trajectories"),
     "transfer": ("sim", "what realistic training clouds are worth"),
@@ -39,6 +42,7 @@ EXTRAS = {
     "calibrate": ("cv2",),
     "segmenter": ("torch", "tqdm", "mani_skill", "sapien", "sklearn"),
     "learn": ("torch", "safetensors", "tqdm", "tensorboard"),
+    "ur": ("rtde_control", "rtde_receive", "dashboard_client"),
     "onnx": ("torch", "safetensors", "onnx", "onnxscript", "onnxruntime"),
     "sim": ("torch", "tqdm", "mani_skill", "sapien", "gymnasium", "trimesh", "coacd", "h5py", "PIL", "imageio_ffmpeg"),
 }

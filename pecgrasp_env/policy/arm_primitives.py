@@ -21,8 +21,8 @@ Steps = Generator[np.ndarray, RobotObservation, Any]
 
 _CLOSING_SPEED = 0.15  # m/s of opening: the arm, drawn back meanwhile, keeps up
 _STILL_OPENING_M = 0.0003  # a gripper whose opening changes by less within a step has stopped
-_LONGEST_CLOSING_STEPS = 30
-_OPENING_STEPS = 10
+_MORE_CLOSING_STEPS = 11  # than the whole stroke takes
+_OPENING_S = 0.5
 _SAFE_TOOL_M = 0.45  # height of tool0 at which the fingertips pass over everything on the table
 _SETTLED_RAD = 0.003  # 1.5 mm at the tips at most
 # Following a path of half speed the arm lags by 0.015 rad and the opening by less than 0.1 mm.
@@ -88,7 +88,7 @@ class ArmSteps:
         """As `close`, the opening that is commanded falling evenly from ``wish``, m."""
         stride = _CLOSING_SPEED * self._control_dt
         moved, still = stride, 0
-        for _ in range(_LONGEST_CLOSING_STEPS):
+        for _ in range(int(np.ceil(ROBOTIQ_2F_140.stroke / stride)) + _MORE_CLOSING_STEPS):
             before = observation.opening
             wish = max(wish - stride, 0.0)
             observation = yield self._action(posture_at(max(wish, before - _LED_STEPS * moved)), wish)
@@ -108,7 +108,7 @@ class ArmSteps:
 
     def let_go(self, observation: RobotObservation, opening: float = ROBOTIQ_2F_140.stroke) -> Steps:
         """Open where the hand is, up to an opening (m)."""
-        for _ in range(_OPENING_STEPS):
+        for _ in range(round(_OPENING_S / self._control_dt)):
             observation = yield self._action(self.command[:6], opening)
         return observation
 

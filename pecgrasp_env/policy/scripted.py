@@ -113,15 +113,16 @@ class ScriptedPolicy:
         """The next action (8,) float32 of `pd_joint_pos`: joint targets rad, opening m, force limit N; with ``answers``
         (9,).
         """
-        if self._target is None:
-            raise RuntimeError("call reset(target) before act(obs)")
-        action = self._move(read_observation(obs), self._target)
+        action = self.step(read_observation(obs))
         return np.append(action, np.float32(1.0 if self.log.absent else -1.0)) if self.answers else action
 
-    def _move(self, observation: RobotObservation, target: str) -> np.ndarray:
+    def step(self, observation: RobotObservation) -> np.ndarray:
+        """The next action (8,) float32, as `act` gives it, from an observation of a robot of one's own."""
+        if self._target is None:
+            raise RuntimeError("call reset(target) before act(obs)")
         if self._steps is None:
             self._arm = ArmSteps(observation, self.control_dt, _WAITING_FORCE_N)
-            self._steps = self._episode(self._pick_planner(target), self._arm, observation)
+            self._steps = self._episode(self._pick_planner(self._target), self._arm, observation)
             return next(self._steps)
         try:
             return self._steps.send(observation)

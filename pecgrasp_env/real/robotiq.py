@@ -36,7 +36,7 @@ FAULTS = {
     15: "an emergency release has ended",
 }
 _HARMLESS = (0, 9)
-_ANSWER_S = 1.0
+_ANSWER_S = 2.0
 _POLL_S = 0.02
 _ACTIVATION_S = 10.0
 

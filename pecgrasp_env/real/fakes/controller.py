@@ -15,7 +15,7 @@ from pecgrasp_env.robot.kinematics import JOINT_LIMITS, forward_kinematics
 
 STOPPED, PLAYING = 1, 2  # runtime states
 _RUNNING_MODE = 7
-_STOP_DECELERATION = 20.0  # rad/s², of a stop for safety's sake and of a program that ends
+_STOP_DECELERATION = 40.0  # rad/s², the most that a UR does: of a stop for safety's sake and of a program that ends
 T_CONTROLLER_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the controller's base frame is turned by half a turn
 _DOUBLES, _INTEGERS = 48, 48
 
@@ -54,13 +54,18 @@ class Controller:
         self.protective, self.emergency = False, False
         self.program: Program | None = None
         self.watchdog: tuple[float, float] | None = None  # longest silence, s, and the time of the last word
-        self.target = np.array(plant.q, float)
+        self._left = 0.0  # of a period, that a slowed down motion still has to its next target
+        self.reset()
+
+    def reset(self) -> None:
+        """No program and no motion, the target where the arm is."""
+        self.program, self.watchdog = None, None
+        self.target = np.array(self.plant.q, float)
         self.rates = np.zeros(6)
         self._motion: Iterator[np.ndarray] | None = None
         self._servo: tuple[np.ndarray, float] | None = None  # target and look-ahead time, s
         self._measured = self.target.copy()
         self.measured_rates = np.zeros(6)
-        self._left = 0.0  # of a period, that a slowed down motion still has to its next target
 
     # ------------------------------------------------------------ what a program does
 

@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from pecgrasp_env.real.fakes import dashboard_server, rtde_server, script_server
+from pecgrasp_env.real.fakes import bench, dashboard_server, rtde_server, script_server
 from pecgrasp_env.real.fakes.controller import CB3, Controller, Version
 from pecgrasp_env.real.fakes.network import LineConnection, Network
 from pecgrasp_env.real.fakes.plant import Plant
 from pecgrasp_env.real.fakes.robotiq_server import FakeRobotiq, RobotiqConnection
 from pecgrasp_env.real.robotiq import PORT as GRIPPER_PORT
-
-BENCH_PORT = 30100  # of no vendor: faults are provoked and the plant's truth is asked for here
 
 
 class FakeRobot:
@@ -63,7 +61,7 @@ class FakeRobot:
         for port in script_server.PORTS:
             self.network.listen(port, lambda n, c: script_server.ScriptConnection(n, c, controller))
         self.network.listen(GRIPPER_PORT, lambda n, c: RobotiqConnection(n, c, self.gripper))
-        self.bench.listen(BENCH_PORT, lambda n, c: BenchConnection(n, c, self))
+        self.bench.listen(bench.PORT, lambda n, c: BenchConnection(n, c, self))
 
     def run(self, on_step: Callable[[], None] | None = None) -> None:
         """Until `stop`, at the bench or from ``on_step``, which is called once a period."""
@@ -94,6 +92,14 @@ class FakeRobot:
         elif self.at_rest_since is None:
             self.at_rest_since = self.controller.time
 
+    def reset(self, seed: int) -> None:
+        """The plant anew, no program, no faults, the gripper open and activated."""
+        FAULTS["none"](self)
+        self.plant.reset(seed)
+        self.gripper.reset(self.plant.opening)
+        self.controller.reset()
+        self.fault_at = None
+
     def provoke(self, fault: str) -> None:
         """One of FAULTS, from now on. Raises KeyError for another."""
         act = FAULTS[fault]
@@ -101,7 +107,9 @@ class FakeRobot:
         act(self)
 
 
-AT_REST_RAD_S = 0.02  # slower than this no joint moves visibly
+AT_REST_RAD_S = (
+    0.05  # a quarter of what the task calls static: the simulated joints settle with a time constant of 50 ms
+)
 
 
 def _local(robot: FakeRobot) -> None:
@@ -136,7 +144,7 @@ FAULTS: dict[str, Callable[[FakeRobot], None]] = {
 
 
 class BenchConnection(LineConnection):
-    """Lines of JSON: {"fault": name}, {"ask": "state"}, {"ask": "depth"}, {"ask": "stop"}."""
+    """Lines of JSON: {"fault": name}, {"reset": seed}, {"ask": "state"}, {"ask": "depth"}, {"ask": "stop"}."""
 
     def __init__(self, network: Network, client: socket.socket, robot: FakeRobot) -> None:
         super().__init__(network, client)
@@ -151,6 +159,8 @@ class BenchConnection(LineConnection):
             if wish["fault"] not in FAULTS:
                 return {"error": f"no fault {wish['fault']!r}; there are {', '.join(FAULTS)}"}
             robot.provoke(wish["fault"])
+        if "reset" in wish:
+            robot.reset(int(wish["reset"]))
         if wish.get("ask") == "stop":
             robot.stop()
         if wish.get("ask") == "depth":
@@ -169,12 +179,11 @@ class BenchConnection(LineConnection):
 
     def _frame(self) -> dict[str, Any]:
         try:
-            image = self._robot.plant.grab()
+            depth, K = self._robot.plant.grab()
         except ValueError as error:
             return {"error": str(error)}
         packed = io.BytesIO()
-        np.save(packed, image.depth)
-        K = image.intrinsics
+        np.save(packed, depth)
         return {
             "time": self._robot.controller.time,
             "intrinsics": [K.width, K.height, K.fx, K.fy, K.cx, K.cy],

@@ -6,9 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from pecgrasp_env.real.interfaces import DepthImage
 from pecgrasp_env.robot.gripper_linkage import STROKE
 from pecgrasp_env.robot.kinematics import HOME
+from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 
 class Plant(Protocol):
@@ -25,8 +25,11 @@ class Plant(Protocol):
     def step(self, q: np.ndarray, opening: float, force: float) -> None:
         """One period with these joint targets (6,) rad, opening target m, and grip force N."""
 
-    def grab(self) -> DepthImage:
-        """What the wrist camera sees. Raises ValueError where there is none."""
+    def grab(self) -> tuple[np.ndarray, CameraIntrinsics]:
+        """The wrist camera's depth (H, W), m, and its intrinsics. Raises ValueError where there is none."""
+
+    def reset(self, seed: int) -> None:
+        """Everything as at a start of its own, which the seed says."""
 
     def report(self) -> dict[str, object]:
         """What only the plant knows, such as whether the right object is up."""
@@ -38,6 +41,9 @@ class FollowingJoints:
     def __init__(self, period: float = 0.008, between: float = 0.0) -> None:
         self.period = period
         self.between = between
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
         self._q, self._opening = HOME.copy(), STROKE
 
     @property
@@ -51,7 +57,7 @@ class FollowingJoints:
     def step(self, q: np.ndarray, opening: float, force: float) -> None:
         self._q, self._opening = np.array(q), max(opening, self.between)
 
-    def grab(self) -> DepthImage:
+    def grab(self) -> tuple[np.ndarray, CameraIntrinsics]:
         raise ValueError("joints alone have no camera: fake-robot scene=simulated has one")
 
     def report(self) -> dict[str, object]:

@@ -26,16 +26,20 @@ class FakeRobotiq:
     """
 
     def __init__(self, active: bool = False) -> None:
+        self.reset(STROKE, active)
+
+    def reset(self, opening: float, active: bool = True) -> None:
+        """As after it was switched on, the fingers at an opening, m."""
         self.registers = dict.fromkeys({*_READABLE, *_WRITABLE}, 0)
         self.stuck = False
-        self.opening, self.force = STROKE, FORCES[0]
-        self._measured = STROKE
-        self._goal = STROKE
+        self.opening, self.force = opening, FORCES[0]
+        self._measured = self._goal = opening
         self._closes = False
         self._still = 0.0
         self._activating: float | None = None
         if active:
-            self.registers |= {"ACT": 1, "STA": ACTIVE, "OBJ": 3, "POS": OPEN_POSITION}
+            position = position_of(opening, OPEN_POSITION, CLOSED_POSITION)
+            self.registers |= {"ACT": 1, "STA": ACTIVE, "OBJ": 3, "POS": position, "PRE": position}
 
     def fail(self, fault: int) -> None:
         """Report a fault, 5 … 15, and let go of the motor until it is activated anew."""
@@ -96,9 +100,10 @@ class FakeRobotiq:
             return
         start = float(np.clip(self.opening, measured - _LEAD_M, measured + _LEAD_M))
         self.opening = start + float(np.clip(self._goal - start, -speed * dt, speed * dt))
-        if abs(self._goal - measured) <= 2 * _STILL_M:
+        stands = moved < _STILL_M * dt / _STILL_S
+        if stands and abs(self._goal - measured) <= 2 * _STILL_M:
             self.registers["OBJ"] = 3
-        elif moved < _STILL_M * dt / _STILL_S:
+        elif stands:
             self._still += dt
             if self._still > _STILL_S:
                 self.registers["OBJ"] = 2 if self._closes else 1

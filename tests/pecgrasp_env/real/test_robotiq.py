@@ -14,6 +14,7 @@ from pecgrasp_env.real.robotiq import opening_of, position_of
 from pecgrasp_env.robot.gripper_linkage import STROKE
 
 PORT = 63352
+WAIT_S = 60
 _RESOLUTION = 0.0004  # m: half of a step of the position register
 
 
@@ -63,25 +64,25 @@ def gripper(bench, host):
 def test_it_goes_where_it_is_sent(gripper):
     assert isinstance(gripper, ParallelGripper)
     for width in (0.05, 0.0, 0.14):
-        gripper.move(width, speed=0.25, force=20).wait(5)
+        gripper.move(width, speed=0.25, force=20).wait(WAIT_S)
         assert gripper.width == pytest.approx(width, abs=_RESOLUTION)
         assert not gripper.is_holding
 
 
 def test_it_holds_what_is_between_the_fingers_and_lets_go(gripper, bench):
     bench.fingers.between = 0.048
-    gripper.move(0.0, speed=0.25, force=40).wait(5)
+    gripper.move(0.0, speed=0.25, force=40).wait(WAIT_S)
     assert gripper.is_holding
     assert gripper.width == pytest.approx(0.048, abs=_RESOLUTION)
     assert bench.gripper.force == pytest.approx(40, abs=0.5)
-    gripper.move(0.1, speed=0.25, force=40).wait(5)
+    gripper.move(0.1, speed=0.25, force=40).wait(WAIT_S)
     assert not gripper.is_holding
     assert gripper.width == pytest.approx(0.1, abs=_RESOLUTION)
 
 
 def test_a_late_and_broken_up_answer_is_the_same_answer(gripper, bench):
     bench.network.lag, bench.network.cut = 0.03, True
-    gripper.move(0.06, speed=0.25, force=20).wait(5)
+    gripper.move(0.06, speed=0.25, force=20).wait(WAIT_S)
     assert gripper.width == pytest.approx(0.06, abs=_RESOLUTION)
 
 
@@ -90,8 +91,8 @@ def test_it_must_be_activated_first(host):
         gripper = RobotiqGripper(host)
         with pytest.raises(GripperFault, match=r"not activated: activate\(\)"):
             gripper.move(0.05, speed=0.1, force=20)
-        gripper.activate()
-        gripper.move(0.05, speed=0.25, force=20).wait(5)
+        gripper.activate(WAIT_S)
+        gripper.move(0.05, speed=0.25, force=20).wait(WAIT_S)
         gripper.close()
 
 
@@ -99,19 +100,19 @@ def test_a_stuck_finger_is_told_and_activation_mends_it(gripper, bench):
     bench.gripper.stuck = True
     motion = gripper.move(0.05, speed=0.25, force=20)
     with pytest.raises(GripperFault, match="fault 14, too much current"):
-        motion.wait(5)
+        motion.wait(WAIT_S)
     with pytest.raises(GripperFault, match="fault 14"):
         gripper.move(0.05, speed=0.25, force=20)
     bench.gripper.stuck = False
-    gripper.activate()
-    gripper.move(0.05, speed=0.25, force=20).wait(5)
+    gripper.activate(WAIT_S)
+    gripper.move(0.05, speed=0.25, force=20).wait(WAIT_S)
 
 
 def test_a_reset_while_it_moves_is_told(gripper, bench):
     motion = gripper.move(0.0, speed=0.03, force=20)
     bench.gripper.write({"ACT": 0})
     with pytest.raises(GripperFault, match="not activated"):
-        motion.wait(5)
+        motion.wait(WAIT_S)
 
 
 def test_one_may_stop_waiting_and_cancel(gripper):
@@ -143,7 +144,7 @@ def test_what_it_cannot_do_is_not_sent(gripper):
 def test_calibration_finds_the_ends_of_the_register(host):
     with bench_at(host):
         gripper = RobotiqGripper(host, open_position=0, closed_position=255)
-        gripper.calibrate()
+        gripper.calibrate(WAIT_S)
         assert gripper.open_position == pytest.approx(OPEN_POSITION, abs=1)
         assert gripper.closed_position == pytest.approx(CLOSED_POSITION, abs=1)
         gripper.close()

@@ -1,0 +1,84 @@
+"""SelectiveGrasp-v1's robot and table as something that joint targets move at 100 Hz, for stand-ins of a real robot.
+
+The task judges at its own 20 Hz, as in any episode; between two of its steps the arm gets further targets.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+
+from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
+from pecgrasp_env.policy.observation import read_observation
+from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
+
+
+class SimulatedRobot:
+    """One episode after the other. kwargs: those of SelectiveGrasp-v1.
+
+    period: s. target: the asked-for class. outcome: how the episode has ended, "success", "wrong_object" or
+    "off_table"; None before that.
+    """
+
+    def __init__(self, seed: int = 0, **kwargs: Any) -> None:
+        env = gym.make(
+            "SelectiveGrasp-v1", control_mode="pd_joint_pos", obs_mode="depth", sim_backend="physx_cpu", **kwargs
+        )
+        self.task: SelectiveGraspEnv = env.unwrapped
+        self.task.pictures_on_demand = True
+        self.period = 1.0 / self.task.sim_freq
+        self._every = self.task.sim_freq // self.task.control_freq
+        self.reset(seed)
+        self.grab()  # the first picture takes long
+
+    def reset(self, seed: int) -> None:
+        """A new episode: new objects, the arm in its home posture."""
+        _, info = self.task.reset(seed=seed)
+        self.target = str(info["target"][0])
+        self.outcome: str | None = None
+        self._steps = 0
+
+    @property
+    def q(self) -> np.ndarray:
+        """(6,) rad, measured."""
+        return self.task.agent.robot.get_qpos()[0, :6].cpu().numpy().astype(float)
+
+    @property
+    def opening(self) -> float:
+        """m, measured."""
+        return float(self.task.agent.gripper_opening[0])
+
+    def step(self, q: np.ndarray, opening: float, force: float) -> None:
+        """One period with joint targets (6,) rad, opening m and grip force N; the last two count every fifth time."""
+        agent = self.task.agent
+        if self._steps % self._every == 0:
+            if self._steps and self.outcome is None:
+                self._judge()
+            agent.set_action(torch.tensor([[*q, opening, force]], dtype=torch.float32))
+            self.task._before_control_step()
+        else:
+            agent.controller.controllers["arm"].set_action(torch.tensor(q[None], dtype=torch.float32))
+        agent.before_simulation_step()
+        self.task.scene.step()
+        self._steps += 1
+
+    def _judge(self) -> None:
+        self.task._elapsed_steps += 1
+        info = self.task.evaluate()
+        for name in ("success", "wrong_object", "off_table"):
+            if bool(info[name]):
+                self.outcome = name
+                return
+
+    def grab(self) -> tuple[np.ndarray, CameraIntrinsics]:
+        """The wrist camera's depth (H, W), m, and its intrinsics."""
+        return tuple(read_observation(self.task.get_obs(self.task.get_info())).frame)  # type: ignore[return-value]
+
+    def report(self) -> dict[str, object]:
+        """What is asked for, how the episode ended, what lies there and where, (K, 3) m, base frame."""
+        places = [actor.pose.p[0].tolist() for actor in self.task.objects]
+        classes = [model.class_name for model in self.task.models[0]]
+        return {"target": self.target, "outcome": self.outcome, "classes": classes, "places": places}

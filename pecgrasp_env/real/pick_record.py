@@ -1,0 +1,127 @@
+"""A pick as a folder: every frame, what was made of it, every step, and how it ended; and the same planned again.
+
+settings.json what the run was started with · frames/000.npz depth (m), K, T_base_camera, q, opening ·
+decisions.jsonl one line a frame · steps.jsonl one line a step · outcome.json
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
+from pecgrasp_env.policy.planned_pick import PlannedPick
+from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.real.errors import RobotError
+from pecgrasp_env.real.pick import PickOutcome
+from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
+
+
+class RecordError(RobotError, ValueError):
+    """The folder holds no recorded pick; the message names the file that is missing."""
+
+
+class PickRecord:
+    """Writes a run into a folder of its own, line by line, so that what was there before an error is there after it."""
+
+    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+        self.folder = folder
+        (folder / "frames").mkdir(parents=True)
+        _write(folder / "settings.json", settings)
+        self._frames = 0
+        self._steps = (folder / "steps.jsonl").open("w")
+
+    def frame(self, observation: RobotObservation, frame: DepthFrame) -> None:
+        K = frame.intrinsics
+        np.savez_compressed(
+            self.folder / "frames" / f"{self._frames:03}.npz",
+            depth=frame.depth,
+            K=K.matrix,
+            T_base_camera=observation.T_base_camera,
+            q=observation.q,
+            opening=observation.opening,
+        )
+        self._frames += 1
+
+    def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None:
+        line = {
+            "doing": doing,
+            "q": np.round(observation.q, 5).tolist(),
+            "opening": round(observation.opening, 5),
+            "target": np.round(action.astype(float), 5).tolist(),
+        }
+        self._steps.write(json.dumps(line) + "\n")
+        self._steps.flush()
+
+    def decided(self, decision: dict[str, Any]) -> None:
+        with (self.folder / "decisions.jsonl").open("a") as lines:
+            lines.write(json.dumps(decision) + "\n")
+
+    def ended(self, outcome: PickOutcome, policy: ScriptedPolicy) -> None:
+        log = policy.log
+        error = None if outcome.error is None else [type(outcome.error).__name__, str(outcome.error)]
+        told = asdict(outcome) | {"error": error, "failures": log.failures, "doubts": log.doubts, "views": log.views}
+        _write(self.folder / "outcome.json", told | {"held_m": log.held_m, "confidence": log.confidence})
+        self._steps.close()
+
+
+def decision_of(pick: PlannedPick) -> dict[str, Any]:
+    """What was seen, chosen and planned, as plain values: places in m, base frame."""
+    objects = []
+    for seen in pick.objects:
+        shares = seen.probabilities()
+        label = max(shares, key=lambda name: shares[name])
+        objects.append({"label": label, "share": round(shares[label], 3), "place": np.round(seen.centroid, 4).tolist()})
+    return {
+        "objects": objects,
+        "chosen": pick.chosen,
+        "confidence": round(float(pick.confidence), 3),
+        "reason": pick.reason,
+        "doubt": pick.doubt,
+        "absent": pick.absent,
+        "T_base_grasp": None if pick.T_base_grasp is None else np.round(pick.T_base_grasp, 5).tolist(),
+        "width": None if pick.width is None else round(float(pick.width), 4),
+        "opening": None if pick.opening is None else round(float(pick.opening), 4),
+    }
+
+
+def recorded_frames(folder: Path) -> Iterator[dict[str, Any]]:
+    """Of each frame of a run depth, intrinsics, T_base_camera, q and opening, in their order. Raises RecordError."""
+    files = sorted((folder / "frames").glob("*.npz"))
+    if not files:
+        raise RecordError(f"{folder}/frames holds no recorded frame: a folder that pecgrasp pick has left?")
+    for file in files:
+        with np.load(file) as held:
+            K, depth = held["K"], held["depth"]
+            height, width = depth.shape
+            yield {
+                "depth": depth,
+                "intrinsics": CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
+                "T_base_camera": held["T_base_camera"],
+                "q": held["q"],
+                "opening": float(held["opening"]),
+            }
+
+
+def recorded_settings(folder: Path) -> dict[str, Any]:
+    """What the run was started with. Raises RecordError."""
+    try:
+        settings: dict[str, Any] = json.loads((folder / "settings.json").read_text())
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{folder}/settings.json: {error}; a folder that pecgrasp pick has left?") from error
+    return settings
+
+
+def plan_again(folder: Path, policy: ScriptedPolicy, target: str) -> Iterator[tuple[dict[str, Any], PlannedPick]]:
+    """Each recorded frame and what today's code makes of it by itself."""
+    for frame in recorded_frames(folder):
+        yield frame, policy.plan_only(**frame, target=target)
+
+
+def _write(file: Path, values: dict[str, Any]) -> None:
+    file.write_text(json.dumps(values, indent=1, default=str) + "\n")

@@ -1,0 +1,116 @@
+"""The way of a pick: the policy, the drivers with their own client library, real sockets, and the simulated scene."""
+
+import json
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rtde_control", reason="pip install 'pecgrasp[ur]'")
+
+from pecgrasp.cli import main
+from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.real import ProtectiveStop, RobotiqGripper
+from pecgrasp_env.real.fakes.bench import BenchCamera
+from pecgrasp_env.real.pick import STEP_S, Declined, NoRecord, Picker
+from pecgrasp_env.real.ur import URArm
+from pecgrasp_env.real.workspace import OutsideWorkspace, Workspace
+from pecgrasp_env.robot.kinematics import HOME
+
+PATIENCE_S = 60.0
+REST_S = 0.2
+TARGET = "plug_adapter"
+
+
+@pytest.fixture(scope="module")
+def bench(hosts, fake_robot):
+    """One object on the table, so that none needs to be told from others."""
+    host = hosts()
+    scene = ["env.n_objects=1", f"env.classes=[{TARGET}]", "env.objects.instances_per_class=2"]
+    with fake_robot(host, *scene, "seed=1", "pace=4") as bench:
+        bench.host = host
+        yield bench
+
+
+class Interrupts(NoRecord):
+    """Does something in mid-move: at the n-th step of what is being done."""
+
+    def __init__(self, doing, n, act):
+        self._left, self._doing, self._act = n, doing, act
+
+    def step(self, observation, action, doing):
+        self._left -= doing == self._doing
+        if self._left == 0:
+            self._left = -1
+            self._act()
+
+
+@pytest.fixture
+def picker(bench):
+    bench.ask(reset=1)
+    arm, gripper, camera = URArm(bench.host, patience=PATIENCE_S), RobotiqGripper(bench.host), BenchCamera(bench.host)
+
+    def make(**kwargs):
+        policy = ScriptedPolicy(None, control_dt=STEP_S)
+        workspace = kwargs.pop("workspace", Workspace())
+        return Picker(arm, gripper, camera, policy, workspace, speed=1.0, **kwargs)
+
+    yield make
+    for each in (arm, gripper, camera):
+        each.close()
+
+
+def run(command, *overrides):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["pecgrasp", command, *overrides])
+        main()
+
+
+def test_the_commands_look_pick_and_plan_again(bench, tmp_path, capsys):
+    """As a user gives them; the scene's own judge says whether the object is up."""
+    bench.ask(reset=1)
+    common = [f"host={bench.host}", f"target={TARGET}", "checkpoint=null", f"patience={PATIENCE_S}"]
+    common += ["camera=simulated", "speed=1.0"]
+    run("pick", *common, f"output={tmp_path}/look")
+    assert "dry_run=false moves" in capsys.readouterr().out
+    assert bench.state["q"] == pytest.approx(HOME, abs=0.03)
+    looked = json.loads((tmp_path / "look" / "decisions.jsonl").read_text())
+    assert looked["chosen"] == 0
+    assert looked["objects"][0]["place"][:2] == pytest.approx(bench.state["places"][0][:2], abs=0.02)
+
+    run("pick", *common, f"output={tmp_path}/pick", "dry_run=false", "confirm=no")
+    outcome = json.loads((tmp_path / "pick" / "outcome.json").read_text())
+    assert outcome["lifted"]
+    assert outcome["error"] is None
+    deadline = time.monotonic() + PATIENCE_S
+    while bench.state["outcome"] is None:
+        assert time.monotonic() < deadline
+    assert bench.state["outcome"] == "success"
+
+    run("replay-pick", f"folder={tmp_path}/look")
+    replayed = json.loads((tmp_path / "look" / "replayed.json").read_text())
+    assert replayed == [looked]
+
+
+def test_a_protective_stop_in_mid_move_ends_the_pick(picker, bench):
+    record = Interrupts("moving over the object", 8, lambda: bench.provoke("protective_stop"))
+    outcome = picker(record=record).pick(TARGET)
+    assert isinstance(outcome.error, ProtectiveStop)
+    assert not outcome.lifted
+    deadline = time.monotonic() + PATIENCE_S
+    while (state := bench.state)["at_rest_since"] is None:
+        assert time.monotonic() < deadline
+    assert state["at_rest_since"] - state["fault_at"] < REST_S
+
+
+def test_the_user_may_say_no_and_the_workspace_does(picker, bench):
+    asked = []
+    outcome = picker(ask=lambda doing, action: bool(asked.append(doing))).pick(TARGET)
+    assert isinstance(outcome.error, Declined)
+    assert asked == ["looking, view 1"]
+    stood = np.array(bench.state["q"])
+    outcome = picker(workspace=Workspace(low=(0.6, -0.6, 0.0))).pick(TARGET)
+    assert isinstance(outcome.error, OutsideWorkspace)
+    assert "would be at x" in str(outcome.error)
+    assert bench.state["q"] == pytest.approx(stood, abs=0.005)
