@@ -31,11 +31,16 @@ class EdgeOfView:
     def cuts(self, index: IntArray) -> bool:
         """Whether the view ends within an object, given its pixels (M,)."""
         row, column = np.divmod(index, self.shape[1])
-        height, width = self.shape
-        places = ((row, column), (row, width - 1 - column), (column, row), (column, height - 1 - row))
-        if any(int(at.min()) < BORDER for _, at in places):
+        bottom, right = self.shape[0] - 1, self.shape[1] - 1
+        nearest = (int(column.min()), right - int(column.max()), int(row.min()), bottom - int(row.max()))
+        if min(nearest) < BORDER:
             return True
-        return any(side.cuts(along, at) for side, (along, at) in zip(self._sides, places, strict=True))
+        places = ((row, column, 0), (row, column, right), (column, row, 0), (column, row, bottom))
+        return any(
+            side.cuts(along, np.abs(at - end))
+            for side, near, (along, at, end) in zip(self._sides, nearest, places, strict=True)
+            if near <= side.last + 1
+        )
 
 
 class _Side:
@@ -45,9 +50,7 @@ class _Side:
         self.last = int(self.first.max(initial=-1))
 
     def cuts(self, along: IntArray, at: IntArray) -> bool:
-        """along, at: (M,) the object's rows and columns."""
-        if at.min() > self.last + 1:
-            return False
+        """along, at: (M,) the object's rows and columns, of which one at least is no farther in than `last` and one."""
         begins = at <= self.first[along] + 1
         if np.count_nonzero(begins) < CONTACT:
             return False

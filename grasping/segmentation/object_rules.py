@@ -122,8 +122,9 @@ class ObjectRules:
         """The longest side of the box around these points but for stray ones, along the frame's axes, m."""
         coordinates = self.frame.points.take(points[:: max(1, len(points) // SAMPLED)], axis=0)
         stray = int(STRAY * len(coordinates))
-        ordered = np.sort(coordinates, axis=0)
-        return float((ordered[len(ordered) - 1 - stray] - ordered[stray]).max())
+        last = len(coordinates) - 1 - stray
+        ordered = np.partition(coordinates.T, (stray, last), axis=1)
+        return float((ordered[:, last] - ordered[:, stray]).max())
 
     def area(self, points: IntArray) -> float:
         """What these points show across the line of sight, m²."""

@@ -13,7 +13,7 @@ from grasping.errors import ConfigError, require_between
 from grasping.geometry.clustering import by_label
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.by_footprints import clusters_in_space, clusters_on_table
-from grasping.segmentation.by_surfaces import give_hidden, group_by_surfaces
+from grasping.segmentation.by_surfaces import SurfaceGroups, give_hidden, group_by_surfaces
 from grasping.segmentation.depth_holes import parts_over_holes
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.object_rules import Limits, ObjectRules, Sorted, Tabletop, upward
@@ -183,16 +183,7 @@ class Segmenter:
         groups = group_by_surfaces(image, seen.steady, equation, self.max_height, self._relations, self.whole_rather)
         tabletop, table = None, np.empty(0, dtype=np.int64)
         if plane is not None and height is not None and groups.above_table is not None:
-            level = np.abs(height) <= plane.band
-            level |= np.abs(groups.above_table) <= np.float32(ON_TABLE * groups.table_noise)
-            if frame.shape is None:
-                give_hidden(frame.points, groups.number, np.flatnonzero(~level & (groups.number == 0) & (height > 0)))
-            free = seen.steady & (groups.number == 0)
-            table = np.flatnonzero(level & free)
-            left = free & ~level
-            alone = self._not_too_tall(frame, np.flatnonzero(left & (height > 0)), height)
-            frame.reject("points", "isolated, or too little above the table for the sensor's noise", alone)
-            frame.reject_below(plane.equation, np.flatnonzero(left & (height <= 0)))
+            table = self._table_around(frame, groups, seen, plane, height)
             height = _above_bent(height, groups.above_table, image, plane.equation)
             tabletop = Tabletop(frame, plane.equation, height, table)
         else:
@@ -205,14 +196,26 @@ class Segmenter:
         found = self._over_holes(frame, rules, rules.sort(clusters, groups.thing, groups.whole), table)
         order = sorted(range(len(found.objects)), key=lambda i: -len(found.objects[i]))
         scene = frame.scene(equation, [found.objects[i] for i in order], found.obstacles, len(table))
-        place = {found.number[i]: rank for rank, i in enumerate(order)}
-        cuts = [
-            Cut(min(place[one], place[other]), max(place[one], place[other]), sure)
-            for (one, other), sure in groups.cuts.items()
-            if one in place and other in place
-        ]
-        confidence = [float(groups.whole[found.number[i]]) for i in order]
-        return replace(scene, confidence=confidence, cuts=sorted(cuts, key=lambda cut: (cut.first, cut.second)))
+        number_of = [found.number[i] for i in order]
+        confidence = [float(groups.whole[number]) for number in number_of]
+        return replace(scene, confidence=confidence, cuts=_cuts_between(number_of, groups))
+
+    def _table_around(
+        self, frame: Frame, groups: SurfaceGroups, seen: _Seen, plane: Plane, height: NDArray
+    ) -> IntArray:
+        """The table's points (T,); what is left beside the groups and the table is noted, why and how much."""
+        above = groups.above_table
+        assert above is not None
+        level = (np.abs(height) <= plane.band) | (np.abs(above) <= np.float32(ON_TABLE * groups.table_noise))
+        if frame.shape is None:
+            give_hidden(frame.points, groups.number, np.flatnonzero(~level & (groups.number == 0) & (height > 0)))
+        free = seen.steady & (groups.number == 0)
+        left = np.flatnonzero(free & ~level)
+        is_above = height.take(left) > 0
+        alone = self._not_too_tall(frame, left[is_above], height)
+        frame.reject("points", "isolated, or too little above the table for the sensor's noise", alone)
+        frame.reject_below(plane.equation, left[~is_above])
+        return np.flatnonzero(level & free)
 
     def _over_holes(self, frame: Frame, rules: ObjectRules, found: Sorted, table: IntArray) -> Sorted:
         """The objects, with those joined that only a hole in the depth divides."""
@@ -221,6 +224,8 @@ class Segmenter:
         near = 2.0 * rules.tabletop.pitch
         level = rules.tabletop.level
         groups = parts_over_holes(found.objects, *frame.measured(), frame.sight.viewpoint, table, level, near)
+        if len(groups) == len(found.objects):
+            return found
         objects = [np.sort(np.concatenate([found.objects[i] for i in group])) for group in groups]
         if any(rules.extent(points) > self.max_extent for points in objects):
             return found
@@ -253,6 +258,17 @@ class _Seen:
 
     steady: NDArray[np.bool_]
     on_ramps: IntArray
+
+
+def _cuts_between(number: list[int], groups: SurfaceGroups) -> list[Cut]:
+    """Where the objects adjoin that the groups of these numbers became, and how sure they are two."""
+    place = {each: rank for rank, each in enumerate(number)}
+    cuts = [
+        Cut(min(place[one], place[other]), max(place[one], place[other]), sure)
+        for (one, other), sure in groups.cuts.items()
+        if one in place and other in place
+    ]
+    return sorted(cuts, key=lambda cut: (cut.first, cut.second))
 
 
 def _above_bent(height: NDArray, above: NDArray, image: WorkingImage, plane: FloatArray) -> NDArray:

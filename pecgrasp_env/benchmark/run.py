@@ -71,7 +71,7 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
 
 
 def segmentation(settings: Mapping[str, Any]) -> list[Row]:
-    """A frame of the task's wrist camera, five objects on the table, beside a k-d tree of the frame's points.
+    """A frame of the task's wrist camera, so many objects apart or piled, beside a k-d tree of the frame's points.
 
     In the camera's frame, as the policy asks, things are told apart by their surfaces; in the robot's, in which nobody
     said where the camera stood, by the places that they stand on.
@@ -80,8 +80,9 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
     from pecgrasp_env.sensor import deproject
 
     rows = []
-    for resolution in settings["resolutions"]:
-        env = _task(n_objects=5, resolution=resolution, obs_mode="depth")
+    for case in settings["segmented"]:
+        count, clutter, resolution = case.split()
+        env = _task(n_objects=int(count), clutter=clutter, resolution=resolution, obs_mode="depth")
         obs, _ = env.reset(seed=settings["seed"])
         observation = read_observation(obs)
         env.close()
@@ -98,10 +99,10 @@ def segmentation(settings: Mapping[str, Any]) -> list[Row]:
             for name, segmenter in segmenters.items():
                 routines[name] = partial(segmenter.segment, points, up=up, robot=body)
             times = side_by_side(routines, settings["repeats"])
-            for row in rows_of(times, _TREE, f"{resolution}, {frame}, {len(valid):,} points"):
+            for row in rows_of(times, _TREE, f"{case}, {frame}, {len(valid):,} points"):
                 if row["name"] in segmenters:
                     row["objects_found"] = len(segmenters[row["name"]].segment(points, up=up, robot=body).objects)
-                rows.append(limited(row, limits.get(resolution) if row["name"] == "default" else None))
+                rows.append(limited(row, limits.get(case) if row["name"] == "default" else None))
     return rows
 
 
