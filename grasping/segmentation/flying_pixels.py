@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.segmentation import kernels
 from grasping.segmentation.lines_of_sight import LinesOfSight
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +28,15 @@ def single_pixels(points: NDArray, chosen: IntArray, shape: tuple[int, int]) -> 
     Fewer than two of such a pixel's eight neighbours are on the same surface. points (H · W, 3): the frame, in any
     frame of reference; chosen (C,) indexes it. Returns (C,).
     """
+    if kernels.compiled is None or points.dtype.char not in "fd":
+        return single_pixels_reference(points, chosen, shape)
+    single = np.empty(len(chosen), dtype=bool)
+    kernels.compiled.single_pixels(np.ascontiguousarray(points), chosen, shape[1], single)
+    return single
+
+
+def single_pixels_reference(points: NDArray, chosen: IntArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """`single_pixels` in NumPy."""
     columns = shape[1]
     left = [(-1, -1), (-1, 1), (0, -1), (1, -1), (1, 0), (1, 1)]
     flying = np.zeros(len(chosen), dtype=bool)
@@ -45,7 +55,8 @@ def _near(points: NDArray, chosen: IntArray, columns: int, row: int, step: int) 
     with np.errstate(over="ignore", invalid="ignore"):
         # Above the first row and below the last "clip" gives a corner of the image: far away, or oneself.
         apart = points.take(chosen + row * columns + step, axis=0, mode="clip") - points.take(chosen, axis=0)
-        near = np.einsum("ij,ij->i", apart, apart) < SAME_SURFACE**2
+        x, y, z = apart.T
+        near = x * x + y * y + z * z < SAME_SURFACE**2
     if step:
         near &= chosen % columns != (columns - 1 if step > 0 else 0)
     return np.asarray(near)

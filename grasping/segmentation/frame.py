@@ -14,7 +14,7 @@ from grasping.errors import CloudError
 from grasping.segmentation.edge_of_view import EdgeOfView
 from grasping.segmentation.flying_pixels import edge_owners, ramps, single_pixels
 from grasping.segmentation.lines_of_sight import LinesOfSight
-from grasping.segmentation.planes import Plane
+from grasping.segmentation.planes import Plane, heights_above
 from grasping.segmentation.robot_body import RobotBody
 from grasping.segmentation.scene import OnDemand, Rejected, Scene
 from grasping.segmentation.table_plane import SAMPLED, View, find_table
@@ -107,12 +107,7 @@ class Frame:
 
     def heights(self, plane: FloatArray) -> NDArray:
         """(N,) above a plane (4,), m; NaN where the point is not valid."""
-        a, b, c, d = plane.astype(self.points.dtype)
-        x, y, z = self._columns
-        with np.errstate(over="ignore", invalid="ignore"):
-            heights = a * x + b * y + c * z + d
-        heights[~self.valid] = np.nan
-        return heights
+        return heights_above(self.points, self.valid, plane)
 
     def without_flying(self, chosen: IntArray, plane: FloatArray | None = None) -> tuple[IntArray, IntArray]:
         """Those of the chosen points that do not hang in the air, and those on ramps, which may be an object's edge.

@@ -173,6 +173,25 @@ def _normal_form(scatter: FloatArray, mean: FloatArray, like: FloatArray) -> Flo
     return np.append(normal, -normal @ mean)
 
 
+def heights_above(points: NDArray, valid: NDArray[np.bool_], plane: FloatArray) -> NDArray:
+    """(N,) of points (N, 3) above a plane (4,), m, in their own type; NaN where one is not valid."""
+    if kernels.compiled is None or points.dtype.char not in "fd":
+        return heights_above_reference(points, valid, plane)
+    heights = np.empty(len(points), dtype=points.dtype)
+    kernels.compiled.rise_over_plane(np.ascontiguousarray(points), valid, *plane.tolist(), heights)
+    return heights
+
+
+def heights_above_reference(points: NDArray, valid: NDArray[np.bool_], plane: FloatArray) -> NDArray:
+    """`heights_above` in NumPy."""
+    a, b, c, d = plane.astype(points.dtype)
+    x, y, z = points.T
+    with np.errstate(over="ignore", invalid="ignore"):
+        heights = a * x + b * y + c * z + d
+    heights[~valid] = np.nan
+    return np.asarray(heights)
+
+
 def fit_all(plane: Plane, inliers: NDArray) -> Plane:
     """The plane by least squares on all of its inliers (M, 3), whose number may be hundreds of thousands."""
     if len(inliers) < 10:

@@ -69,6 +69,10 @@ static inline int32_t *labels_of(Arrays *arrays, PyObject *from, Py_ssize_t *h, 
     return NULL;
 }
 
+/* In calls_of_frames.c. */
+PyObject *call_single_pixels(PyObject *self, PyObject *arguments);
+PyObject *call_rise_over_plane(PyObject *self, PyObject *arguments);
+
 /* In calls_of_tables.c. */
 PyObject *call_find_heights(PyObject *self, PyObject *arguments);
 PyObject *call_rise_over_table(PyObject *self, PyObject *arguments);

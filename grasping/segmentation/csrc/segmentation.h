@@ -29,6 +29,15 @@ static inline float choose(int mask, float a, float b)
     return a;
 }
 
+/* Which of the chosen pixels share a surface with fewer than two of their neighbours: `points`, of double precision
+ * (`wide`) or single, of an image of so many columns. */
+int find_single_pixels(const void *points, int wide, ptrdiff_t pixels, ptrdiff_t columns, const int64_t *chosen,
+                       ptrdiff_t count, unsigned char *single);
+
+/* How far such points are above a plane; NaN where they are not valid. */
+void rise_over_plane(const void *points, int wide, const unsigned char *valid, ptrdiff_t count, const double plane[4],
+                     void *heights);
+
 /* The points of the pixels, h × w × 3, of whose rays `along` (w × 3) and `down` (h × 3) are the parts. */
 void find_positions(const float *q, ptrdiff_t h, ptrdiff_t w, const float *along, const float *down, float *positions);
 

@@ -15,6 +15,7 @@ from scipy import ndimage
 from grasping.segmentation import kernels
 from grasping.segmentation.boosted_trees import BoostedTrees
 from grasping.segmentation.correlation_clustering import cluster_reference
+from grasping.segmentation.flying_pixels import single_pixels, single_pixels_reference
 from grasping.segmentation.group_features import OF_SHAPE, shapes_of_groups, shapes_of_groups_reference
 from grasping.segmentation.pair_features import (
     AT_BORDER,
@@ -27,7 +28,15 @@ from grasping.segmentation.pair_features import (
 from grasping.segmentation.patch_measures import BINS, SIDES, SUMS, PatchSums, sums_reference
 from grasping.segmentation.patch_pairs import borders, steps_to_borders, steps_to_borders_reference
 from grasping.segmentation.pieces import label_pieces
-from grasping.segmentation.planes import LEVEL, NEARBY, draw_plane_reference, refine, refine_reference
+from grasping.segmentation.planes import (
+    LEVEL,
+    NEARBY,
+    draw_plane_reference,
+    heights_above,
+    heights_above_reference,
+    refine,
+    refine_reference,
+)
 from grasping.segmentation.surface_fits import SurfaceFits, fit_surfaces_reference
 from grasping.segmentation.surface_patches import edges_reference, grow_patches_reference, merge_patches_reference
 from grasping.segmentation.table_relief import (
@@ -132,6 +141,10 @@ def test_points_and_inverse_depths_are_alike(random: np.random.Generator, shape:
     points[random.random(q.size) < 0.1] = random.choice([np.nan, np.inf, 0])
     arguments = (points, random.random(q.size) < 0.9, random.normal(size=3), random.normal(0, 0.1))
     same(inverse_depths(*arguments), inverse_depths_reference(*arguments))
+    plane = random.normal(size=4)
+    same(heights_above(*arguments[:2], plane), heights_above_reference(*arguments[:2], plane))
+    close, chosen = points * dtype(0.02), pixels(random, shape)
+    same(single_pixels(close, chosen, shape), single_pixels_reference(close, chosen, shape))
 
 
 @settings(deadline=None, max_examples=30)
@@ -412,6 +425,8 @@ def calls() -> dict[str, list[Any]]:
     return {
         "positions": [one, blank((10,), 3), blank((8,), 3), three],
         "inverse_depths": [blank((20,), 3), np.ones(20, dtype=bool), 0.0, 0.0, 1.0, 0.0, blank((20,))],
+        "single_pixels": [blank((80,), 3), asked, 10, np.zeros(30, dtype=bool)],
+        "rise_over_plane": [blank((20,), 3), np.ones(20, dtype=bool), 0.0, 0.0, 1.0, 0.0, blank((20,))],
         "find_heights": [one, blank((10,)), blank((8,)), 0.5, one.copy(), one.copy()],
         "rise_over_table": [one, one.copy(), one.copy(), one.copy(), one.copy()],
         "mean_of_nine": [one, one.copy(), 0.02, one.copy()],
@@ -454,6 +469,7 @@ def test_the_kernels_refuse_arrays_that_they_cannot_read(name: str) -> None:
             ("draw_plane", 2),
             ("draw_plane", 3),
             ("refine_plane", 0),
+            ("single_pixels", 0),
         }
         if argument.shape == (3,) and name in ("draw_plane", "describe_borders", "describe_pairs", "describe_groups"):
             continue  # up, which may be None
@@ -478,7 +494,12 @@ def test_indices_out_of_range_are_refused(index: int) -> None:
             getattr(compiled, name)(*given[name][:place], bad, *given[name][place + 1 :])
     with pytest.raises(ValueError, match="out of the array"):
         compiled.cluster(np.array([0]), np.array([index]), np.array([1.0]), np.zeros(3, dtype=np.int64))
-    for name, places in (("draw_plane", (1, 2)), ("describe_borders", (7, 8, 12, 13, 14)), ("describe_pairs", (4, 5))):
+    for name, places in (
+        ("single_pixels", (1,)),
+        ("draw_plane", (1, 2)),
+        ("describe_borders", (7, 8, 12, 13, 14)),
+        ("describe_pairs", (4, 5)),
+    ):
         for place in places:
             arguments = calls()[name]
             arguments[place].reshape(-1)[0] = index
