@@ -251,8 +251,10 @@ class ScriptedPolicy:
                 q = posture_beside(place, np.array([[c, -s], [s, c]]) @ hides, self.T_tool0_camera)
                 if q is not None:
                     return q
-            # From straight above, nothing hides behind its neighbours.
-            return posture_above(place, k, self.T_tool0_camera)
+            if k == 1:
+                # From straight above, nothing hides behind its neighbours.
+                return posture_above(place, k, self.T_tool0_camera)
+            k -= 1  # askew, what touches has a jump between, and another side says more of the class than the same one
         postures = look_postures(self.T_tool0_camera)
         return postures[(len(self.log.failures) + k) % len(postures)]
 
