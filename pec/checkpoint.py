@@ -14,21 +14,19 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.numpy import load_file as load_arrays
 from safetensors.numpy import save_file as save_arrays
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import nn
 
 from pec.common.atomic_files import current_directory, replacing_directory
+from pec.common.checkpoint_files import package_versions, read_json, read_tensors
 from pec.errors import CheckpointError, ConfigError
 from pec.known.enrolled import Enrolled
 from pec.known.knowing import Knowing
@@ -91,7 +89,7 @@ def write_checkpoint(
         "temperature": checkpoint.temperature,
         "unknown_below": checkpoint.unknown_below,
         "epoch": checkpoint.epoch,
-        "versions": _versions(),
+        "versions": package_versions(),
     }
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.model.state_dict().items()}
     with replacing_directory(directory) as new:
@@ -114,7 +112,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
     Raises CheckpointError where it is missing, incomplete, of another format, or weights and config disagree.
     """
     directory = current_directory(directory)
-    config = _read_json(directory / "config.json")
+    config = read_json(directory / "config.json")
     try:
         network = config["network"]
         if config["format"] != FORMAT:
@@ -133,7 +131,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         model = build_model(network, preprocess.n_points, len(classes) + none_of_these)
     except ConfigError as error:
         raise CheckpointError(f"{directory}/config.json: {error}") from error
-    tensors = _read_tensors(directory / "model.safetensors")
+    tensors = read_tensors(directory / "model.safetensors")
     knowing = _read_knowing(directory / "knowing.safetensors")
     enrolled = _read_enrolled(directory / "enrolled.safetensors", names)
     try:
@@ -153,30 +151,9 @@ def read_training_state(directory: str | os.PathLike[str]) -> TrainingState | No
     if not directory.exists():
         return None
     return TrainingState(
-        _read_tensors(directory / "training_state" / "optimizer.safetensors"),
-        _read_json(directory / "training_state" / "progress.json"),
+        read_tensors(directory / "training_state" / "optimizer.safetensors"),
+        read_json(directory / "training_state" / "progress.json"),
     )
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise CheckpointError(f"no checkpoint: {path} does not exist")
-    try:
-        content = json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise CheckpointError(f"{path} is broken: {error}") from error
-    if not isinstance(content, dict):
-        raise CheckpointError(f"{path} is not a checkpoint's: it holds a {type(content).__name__}")
-    return content
-
-
-def _read_tensors(path: Path) -> dict[str, torch.Tensor]:
-    if not path.is_file():
-        raise CheckpointError(f"no checkpoint: {path} does not exist")
-    try:
-        return load_file(path)
-    except SafetensorError as error:
-        raise CheckpointError(f"{path} is broken: {error}") from error
 
 
 def _read_knowing(path: Path) -> Knowing | None:
@@ -196,11 +173,3 @@ def _read_enrolled(path: Path, names: tuple[str, ...]) -> Enrolled:
         return Enrolled(names, tuple(shown[str(place)] for place in range(len(names))))
     except (SafetensorError, KeyError, OSError) as error:
         raise CheckpointError(f"{path} is broken: {error!r}") from error
-
-
-def _versions() -> dict[str, str]:
-    try:
-        ours = version("pecgrasp")
-    except PackageNotFoundError:
-        ours = "not installed"
-    return {"pecgrasp": ours, "torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}

@@ -1,6 +1,6 @@
 """What can be wrong with what a user hands to `pec`."""
 
-__all__ = ["CheckpointError", "CloudError", "ConfigError", "DatasetError", "TrainingError"]
+__all__ = ["CheckpointError", "CloudError", "ConfigError", "DatasetError", "ModelsError", "TrainingError"]
 
 
 class CloudError(ValueError):
@@ -21,3 +21,7 @@ class ConfigError(ValueError):
 
 class TrainingError(ValueError):
     """A training run that cannot go on: its loss is not finite any more."""
+
+
+class ModelsError(ValueError):
+    """Models for poses that are missing, broken or contradict each other, or a name that is none of theirs."""

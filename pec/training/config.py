@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from typing import Any, TypeVar, get_type_hints
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
+from pec.common.settings import one_of, settings_as
 from pec.data.augment import Augment
 from pec.data.loading import SIZES
 from pec.errors import ConfigError
@@ -13,8 +14,6 @@ from pec.networks.registry import check_model
 from pec.preprocessing.preprocess import Preprocess
 
 __all__ = ["DatasetConfig", "ModelConfig", "ProtocolConfig", "TrainConfig", "read_config"]
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -102,17 +101,17 @@ class TrainConfig:
 
 def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     """A checked TrainConfig. Raises ConfigError that names the setting and its value."""
-    config = _build(TrainConfig, settings, "")
+    config = settings_as(TrainConfig, settings)
     protocol, dataset = config.protocol, config.dataset
-    _one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
-    _one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
-    _one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
-    _one_of("protocol.running_statistics", protocol.running_statistics, ("torch", "corrected"))
-    _one_of("protocol.precision", protocol.precision, ("auto", "float32", "bfloat16"))
-    _one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
-    _one_of("dataset.size", dataset.size, SIZES)
+    one_of("protocol.selection", protocol.selection, ("validation", "evaluation split"))
+    one_of("protocol.schedule", protocol.schedule, ("constant", "one_cycle"))
+    one_of("protocol.initial_weights", protocol.initial_weights, ("default", "scaled"))
+    one_of("protocol.running_statistics", protocol.running_statistics, ("torch", "corrected"))
+    one_of("protocol.precision", protocol.precision, ("auto", "float32", "bfloat16"))
+    one_of("dataset.split", dataset.split, ("sample", "instance", "official"))
+    one_of("dataset.size", dataset.size, SIZES)
     check_model(config.model.name)
-    _one_of("device", config.device, ("auto", "cpu", "cuda"))
+    one_of("device", config.device, ("auto", "cpu", "cuda"))
     for name, value in (
         ("protocol.epochs", protocol.epochs),
         ("protocol.batch_size", protocol.batch_size),
@@ -139,47 +138,3 @@ def read_config(settings: Mapping[str, Any]) -> TrainConfig:
     if not 0 <= dataset.removed < 1:
         raise ConfigError(f"dataset.removed must be in [0, 1), got {dataset.removed}")
     return config
-
-
-def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise ConfigError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
-
-
-def _build(cls: type[T], settings: Mapping[str, Any], where: str) -> T:
-    hints = get_type_hints(cls)
-    known = {item.name for item in fields(cls)}  # type: ignore[arg-type]
-    values: dict[str, Any] = {}
-    for name, value in settings.items():
-        if name not in known:
-            raise ConfigError(f"unknown setting {where}{name}; known: {', '.join(sorted(known))}")
-        hint = hints[name]
-        if is_dataclass(hint):
-            if not isinstance(value, Mapping):
-                raise ConfigError(f"{where}{name} must be a group of settings, got {value!r}")
-            value = _build(hint, value, f"{where}{name}.")  # type: ignore[arg-type]
-        else:
-            value = _plain(hint, value, where + name)
-        values[name] = value
-    try:
-        return cls(**values)
-    except TypeError as error:
-        raise ConfigError(f"a setting is missing in {where or 'the configuration'}: {error}") from error
-
-
-def _plain(hint: Any, value: Any, name: str) -> Any:
-    """`value` as the type `hint`: only whole numbers to float and sequences to list are converted."""
-    if value is None:
-        if type(None) in getattr(hint, "__args__", ()):
-            return None
-        raise ConfigError(f"{name} must be set")
-    if hint in (list[str], list[str] | None):
-        if isinstance(value, str) or not all(isinstance(item, str) for item in value):
-            raise ConfigError(f"{name} must be a list of names, got {value!r}")
-        return list(value)
-    wanted = next(item for item in getattr(hint, "__args__", (hint,)) if item is not type(None))
-    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
-        raise ConfigError(f"{name} must be {wanted.__name__}, got {value!r}")
-    return value

@@ -70,6 +70,14 @@ class MeshFolder:
             self._loaded[class_name, i] = load_mesh(sources[i], class_name, self.scale, self.allow_open)
         return self._loaded[class_name, i]
 
+    def file_origin(self, class_name: str, i: int) -> np.ndarray:
+        """Where the origin of instance `i`'s file lies in its object frame, (3,) m; raises as `load` does."""
+        model = self.load(class_name, i)
+        surface = read_surface(self._of(class_name)[i].files)
+        # By their lowest corners: the vertices themselves are others where the mesh was mended.
+        lowest = surface.vertices[np.unique(surface.faces)].min(axis=0) * self.scale
+        return np.concatenate([part.vertices for part in model.parts]).min(axis=0) - lowest
+
     def origin(self, class_name: str, i: int) -> str:
         """Where instance `i` comes from, in words."""
         file = self._of(class_name)[i].file
