@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from grasping.curvature_planner import compiled_backend
 from grasping.curvature_planner.planner import CurvaturePlanner
-from grasping.errors import CloudError, ConfigError
+from grasping.errors import CloudError, ConfigError, ModelError
 from grasping.grasp import Grasp, GraspPlan, GraspPlanner, RegionReport
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.segmentation import kernels
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from grasping.baselines import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
     from grasping.baselines.published.planner import PublishedPlanner
     from grasping.fusion.fuse import Fused, FusedView, fuse
+    from grasping.pose.model_planner import ModelPlanner
+    from grasping.pose.object_model import ObjectModel, load_models
+    from grasping.pose.object_pose import ObjectPose
+    from grasping.pose.pose_estimator import PoseEstimator
     from grasping.segmentation.scene import Cut, Rejected, Scene
     from grasping.segmentation.segmenter import Segmenter
     from grasping.selective import Selection, SelectiveGrasper
@@ -36,6 +40,11 @@ _LATER = {
     "CentroidPlanner": "baselines",
     "GeoGraspPlanner": "baselines",
     "SinglePrimitivePlanner": "baselines",
+    "ModelPlanner": "pose.model_planner",
+    "ObjectModel": "pose.object_model",
+    "ObjectPose": "pose.object_pose",
+    "PoseEstimator": "pose.pose_estimator",
+    "load_models": "pose.object_model",
     "Cut": "segmentation.scene",
     "Rejected": "segmentation.scene",
     "Scene": "segmentation.scene",
@@ -58,6 +67,11 @@ __all__ = [
     "GraspPlan",
     "GraspPlanner",
     "Gripper",
+    "ModelError",
+    "ModelPlanner",
+    "ObjectModel",
+    "ObjectPose",
+    "PoseEstimator",
     "PublishedPlanner",
     "RegionReport",
     "Rejected",
@@ -68,6 +82,7 @@ __all__ = [
     "SinglePrimitivePlanner",
     "compiled",
     "fuse",
+    "load_models",
 ]
 
 

@@ -54,12 +54,16 @@ class RegionReport:
 
 @dataclass(frozen=True)
 class GraspPlan:
-    """The outcome of planning: `best` is `candidates[0]`, or None with a sentence in `reason`."""
+    """The outcome of planning: `best` is `candidates[0]`, or None with a sentence in `reason`.
+
+    source: what a planner with models planned on, and why; None: the cloud.
+    """
 
     best: Grasp | None
     candidates: list[Grasp]
     regions: list[RegionReport]
     reason: str | None
+    source: str | None = None
 
 
 class GraspPlanner(Protocol):

@@ -13,6 +13,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "plan": (None, "grasps on a cloud, a depth frame or a folder of them"),
     "segment": (None, "cut a cloud or a depth frame into objects"),
     "calibrate": ("calibrate", "where the camera is, by a printed board"),
+    "estimate-pose": ("pose", "where known objects lie in a cloud"),
     "generate": ("sim", "labelled clouds of objects, as the robot sees them"),
     "generate-scenes": ("sim", "labelled frames of crowded tables, for the segmenter"),
     "train": ("learn", "a classifier"),
@@ -20,6 +21,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "train-segmenter": ("segmenter", "the segmenter, for another camera"),
     "classify": ("learn", "one cloud, with a trained classifier"),
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),
+    "evaluate-pose": ("sim", "how well poses of known objects are found"),
     "ablate": ("learn", "train a grid, beside the published figures"),
     "compare": ("learn", "trained classifiers, cloud by cloud"),
     "strangers": ("sim", "whether a classifier knows what it does not know"),
@@ -44,6 +46,7 @@ EXTRAS = {
     "segmenter": ("torch", "tqdm", "mani_skill", "sapien", "sklearn"),
     "learn": ("torch", "safetensors", "tqdm", "tensorboard"),
     "ur": ("rtde_control", "rtde_receive", "dashboard_client"),
+    "pose": ("trimesh",),
     "onnx": ("torch", "safetensors", "onnx", "onnxscript", "onnxruntime"),
     "sim": ("torch", "tqdm", "mani_skill", "sapien", "gymnasium", "trimesh", "coacd", "h5py", "PIL", "imageio_ffmpeg"),
 }

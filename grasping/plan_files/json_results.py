@@ -54,6 +54,7 @@ def _object(each: PlannedObject) -> dict[str, Any]:
         "plan_ms": 1e3 * each.plan_s,
         "error": each.error,
         "reason": each.plan.reason,
+        "planned_on": each.plan.source,
         "grasps": [_grasp(grasp) for grasp in each.plan.candidates],
         "regions": [
             {

@@ -34,8 +34,9 @@ class PlannedObject:
 
     @property
     def remarks(self) -> list[str]:
-        """What makes the plan doubtful."""
+        """What makes the plan doubtful, and what it stands on."""
         doubts = ["cut off by the edge of the image"] if self.cut_off else []
+        doubts += [f"planned on {self.plan.source}"] if self.plan.source is not None else []
         if self.confidence is not None and self.confidence < SURE:
             doubts.append(f"one thing with {100 * self.confidence:.0f} %")
         extent = float(np.ptp(self.points, axis=0).max()) if len(self.points) else 0.0

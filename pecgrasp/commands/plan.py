@@ -59,5 +59,8 @@ COMMAND = ["pecgrasp", "plan", *sys.argv[1:]]
 def main() -> None:
     # To Hydra `gripper=` is a choice among the files of conf/gripper; a file of one's own travels by another name.
     words = [re.sub(r"^gripper=(.*\.ya?ml)$", r"gripper_file=\1", word) for word in sys.argv[1:]]
+    models = [word for word in words if word.startswith("models=")]
+    words = [word for word in words if word not in models] + [f"planner.{word}" for word in models]
+    words += ["planner=model"] if models and not any(word.startswith("planner=") for word in words) else []
     sys.argv[1:] = file_as_override(words)
     plan()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from grasping import GraspPlan, Segmenter
+from grasping import GraspPlan, GraspPlanner, ModelPlanner, Segmenter
 from grasping.selective import CERTAIN, POSSIBLE, SURE
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
@@ -204,6 +204,13 @@ class PickPlanner:
         self._log.plan, self._log.chosen = picks[0].plan, picks[0].chosen
         return picks[0]
 
+    def _planner_for(self, seen: SeenObject, clears: bool) -> GraspPlanner:
+        """One that has models is told the class: that asked for, of what lies on it the likeliest."""
+        if not isinstance(self._planner, ModelPlanner):
+            return self._planner
+        shares = seen.probabilities()
+        return self._planner.of_class(max(shares, key=shares.__getitem__) if clears else self._target)
+
     def _plan(self, pick: PlannedPick, chosen: int, view: View, q: np.ndarray | None, pushed: float) -> PlannedPick:
         """The pick with grasp and paths; pushed: how far [m] the fingers may push the object's neighbours aside."""
         objects = pick.objects
@@ -214,7 +221,7 @@ class PickPlanner:
         )
         plane = floor_below(points, view.surface, view.plane)
         with self._log.timed("plan grasp"):
-            plan: GraspPlan = self._planner.plan(
+            plan: GraspPlan = self._planner_for(objects[chosen], pick.clears).plan(
                 points,
                 up=UP,
                 table=plane,
@@ -223,6 +230,8 @@ class PickPlanner:
                 unseen=objects[chosen].unseen,
             )
         self._log.plan, self._log.chosen = plan, chosen
+        if plan.source is not None and plan.source.startswith(ModelPlanner.FELL_BACK):
+            self._log.doubts.append(f"planned on {plan.source}")
         planned = replace(pick, plan=plan)
         if plan.best is None:
             return replace(planned, reason=f"no grasp: {plan.reason}")

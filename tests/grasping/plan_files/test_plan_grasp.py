@@ -13,6 +13,8 @@ import pytest
 from grasping_shapes import box_top
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
+from mesh_shapes import box as block
+from mesh_shapes import write_ply
 from omegaconf import DictConfig
 from rendered_scenes import BOXES, look_down, render
 from scipy.spatial.transform import Rotation
@@ -95,7 +97,9 @@ def test_the_page_stands_by_itself_and_names_every_file(folder_run, outline) -> 
 
 @pytest.mark.parametrize("planner", sorted(path.stem for path in (ROOT / "conf" / "planner").glob("*.yaml")))
 def test_every_configured_planner_plans_a_file_and_leaves_a_page(planner: str, tmp_path: Path, outline) -> None:
-    own = instantiate(configured(f"planner={planner}").planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
+    models = [f"planner.models={tmp_path}"] if planner == "model" else []
+    write_ply(tmp_path / "block.ply", block(0.05, 0.12, 0.06))
+    own = instantiate(configured(f"planner={planner}", *models).planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
     name = """a<b>&"quoted' box.npy"""
     np.save(tmp_path / name, box())
     plan_files([tmp_path / name], task(planner=own), tmp_path / "out", say=lambda line: None)

@@ -25,9 +25,12 @@ def test_every_planner_of_the_library_has_a_file():
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("class_name", ["mouse", "can", "stapler"])
-def test_a_planner_chosen_by_name_grasps_an_object_that_stands_alone(name, class_name):
+def test_a_planner_chosen_by_name_grasps_an_object_that_stands_alone(name, class_name, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    make_object(class_name, 0).visual_mesh().export(tmp_path / f"{class_name}.ply")
+    models = [f"planner.models={tmp_path}"] if name == "model" else []
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("evaluate", overrides=["checkpoint=x", f"planner={name}"])
+        cfg = compose("evaluate", overrides=["checkpoint=x", f"planner={name}", *models])
     planner = instantiate(OmegaConf.to_container(cfg.planner))
     points = np.asarray(make_object(class_name, 0).visual_mesh().sample(600, seed=0), float)
     points[:, 2] -= points[:, 2].min()

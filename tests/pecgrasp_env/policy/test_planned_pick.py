@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from grasping import ROBOTIQ_2F_140
+from grasping import ROBOTIQ_2F_140, ModelPlanner
+from grasping.pose.object_model import object_model
 from pecgrasp_env.policy.observation import ObservationError
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.policy.viewpoints import HOME, look_at
@@ -42,6 +43,25 @@ SCENE = depth_of(BRICK, SLAB)
 def by_size(points):
     """Stands for a classifier: a brick is higher than a slab, seen from the camera."""
     return ("brick" if np.ptp(points, axis=0).min() > 0.05 or points[:, 2].min() < 0.515 else "slab"), 0.97
+
+
+def brick_model(name="a_brick", label="brick"):
+    half = np.array([BRICK[2], BRICK[3], BRICK[4] / 2])
+    corners = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return object_model(corners, [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], name, label)
+
+
+def test_a_planner_with_models_plans_on_the_model_of_the_class_and_says_where_it_has_none(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    policy = ScriptedPolicy(by_size, ModelPlanner(models=[brick_model()]))
+    pick = policy.plan_only(SCENE, INTRINSICS, CAMERA, "brick")
+    assert pick.plan.source.startswith("the model a_brick")
+    assert pick.T_base_grasp[:2, 3] == pytest.approx(BRICK[:2], abs=0.02)
+    assert policy.log.doubts == []
+    pick = policy.plan_only(SCENE, INTRINSICS, CAMERA, "slab")
+    assert pick.reason is None
+    assert policy.log.doubts == ["planned on the cloud: no model is of class slab"]
 
 
 @pytest.mark.parametrize(("name", "box"), [("brick", BRICK), ("slab", SLAB)])

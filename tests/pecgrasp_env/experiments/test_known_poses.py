@@ -1,0 +1,105 @@
+"""Measuring poses: what a right, a symmetric, a wrong and a missing one count, and a run that goes on."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from grasping.pose.object_model import object_model
+from pecgrasp_env.experiments.known_poses import methods
+from pecgrasp_env.experiments.known_poses.cases import CloudCase
+from pecgrasp_env.experiments.known_poses.run import Rows, errors, run_clouds
+from pecgrasp_env.experiments.known_poses.tables import MEASURES, cloud_results, frame_results, table
+
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def block(x: float, y: float, z: float, at=(0.0, 0.0, 0.0)):
+    corners = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * (x / 2, y / 2, z / 2) + at
+    return corners, np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))], np.int32)
+
+
+@pytest.fixture(scope="module")
+def model():
+    """Two blocks, of no symmetry."""
+    (v, f), (w, g), (u, h) = (
+        block(0.05, 0.08, 0.13),
+        block(0.06, 0.02, 0.03, (0.05, 0.02, 0.04)),
+        block(0.02, 0.03, 0.02, (0, 0.05, -0.05)),
+    )
+    return object_model(np.concatenate([v, w, u]), np.concatenate([f, g + 8, h + 16]), "thing")
+
+
+def case(model, seed: int) -> CloudCase:
+    """The side that a camera in the origin sees, hiding itself by its normals alone."""
+    rng = np.random.default_rng(seed)
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    T[:3, 3] = (0.05, -0.02, 0.6)
+    points, normals = model.points @ T[:3, :3].T + T[:3, 3], model.normals @ T[:3, :3].T
+    seen = np.einsum("ij,ij->i", points, normals) < -0.2 * np.linalg.norm(points, axis=1)
+    return CloudCase(f"case {seed}", model, points[seen] + rng.normal(0, 2e-4, (seen.sum(), 3)), T, 0.0)
+
+
+def test_no_pose_counts_as_infinitely_far(model):
+    rows = [
+        {"object": "thing", **errors(model, T, np.eye(4))}
+        for T in (np.eye(4), np.diag([1.0, -1, -1, 1]), None, np.eye(4))
+    ]
+    shares = {name: measure(rows) for name, measure in MEASURES.items()}
+    assert shares["no pose"] == 0.25
+    assert shares["MSSD < 10 %"] == shares["ADD(-S) < 10 %"] == 0.5
+    assert 0.5 <= shares["AUC ADD-S"] < 0.75
+
+
+def test_a_run_goes_on_where_it_was_stopped(model, tmp_path):
+    cases, steps = [case(model, seed) for seed in range(3)], []
+    first = Rows(tmp_path / "rows.jsonl")
+    run_clouds("made", cases[:2], ["geometry"], first, lambda done, total: steps.append((done, total)))
+    (tmp_path / "rows.jsonl").open("a").write('{"half of a li')
+    again = Rows(tmp_path / "rows.jsonl")
+    assert again.rows == first.rows
+    run_clouds("made", cases, ["geometry"], again, lambda done, total: steps.append((done, total)))
+    assert [row["case"] for row in again.rows] == ["case 0", "case 1", "case 2"]
+    assert steps == [(1, 2), (2, 2), (1, 3), (2, 3), (3, 3)]
+    (result,) = cloud_results(again.rows)
+    assert (result["n"], result["objects"], result["method"]) == (3, 1, "geometry")
+    assert result["measures"]["ADD-S < 2 cm"][0] == 1
+    assert "| made | geometry | 3 | 1 | 100.0 % (100–100)" in table([result], [])
+
+
+@pytest.mark.parametrize("name", ["opencv_ppf", "open3d_fpfh"])
+def test_the_others_run_where_they_are_installed(name, model):
+    if not methods.installed(name):
+        pytest.skip("pip install 'pecgrasp[pose-rivals]'")
+    T = methods.method(name, model)(case(model, 1).points)
+    assert T is None or np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
+
+
+def test_frames_count_the_known_the_twins_and_the_strangers():
+    def thing(name, visible=1.0, off=None, given=None):
+        return {"name": name, "visible": visible, "off": off, "given": given}
+
+    objects = [
+        thing("mug", off=0.02, given="mug"),
+        thing("mug", off=0.5, given="mug"),
+        thing("can", visible=0.3),  # too hidden to count
+        thing("box", off=None, given="can"),
+        thing(None),
+        thing(None, given="can"),
+    ]
+    row = {"group": "g", "kind": "piled", "seconds": 0.1, "on_nothing": 0, "objects": objects}
+    result = frame_results([row])[0]
+    assert (result["found"]["count"], result["found"]["n"]) == (1, 3)
+    assert (result["two_of_a_kind_both"]["count"], result["two_of_a_kind_both"]["n"]) == (0, 1)
+    assert (result["stranger_given_a_pose"]["count"], result["stranger_given_a_pose"]["n"]) == (1, 2)
+    assert (result["wrong_model"]["count"], result["wrong_model"]["n"]) == (1, 3)
+    assert "1 of 2, 50 %" in table([], [result])
+
+
+def test_what_is_not_installed_is_known_without_loading_it():
+    assert methods.installed("geometry")
+    assert methods.installed("open3d_fpfh") == (importlib.util.find_spec("open3d") is not None)
