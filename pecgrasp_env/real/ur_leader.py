@@ -34,6 +34,7 @@ _POLL_S = 0.001
 _LOOKAHEAD_S, _GAIN = 0.03, 300.0  # of servoj: the least smoothing that it takes
 _WATCHDOG_HZ = 4.0  # the arm stands long before: this ends the program, too
 _STOP_DECELERATION = 8.0
+_DASHBOARD_PORT = 29999
 _REMOTE_SINCE = (5, 6)  # the PolyScope version from which on there is a local and a remote mode
 
 
@@ -46,6 +47,8 @@ class Leader:
             library(name, "ur") for name in ("dashboard_client", "rtde_receive", "rtde_control")
         )
         try:
+            self._line = socket.create_connection((host, _DASHBOARD_PORT), timeout=patience)
+            self._line.setblocking(False)
             self._dashboard = dashboards.DashboardClient(host)
             self._dashboard.connect()
             self._check_mode(unlock)
@@ -56,7 +59,7 @@ class Leader:
             self._control.setWatchdog(_WATCHDOG_HZ)
         except RobotError:
             raise
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, OSError) as error:
             raise ConnectionLost(f"{where}: {error}; is it on, and is this its address?") from error
         self.time = -1.0
         self.stream: JointStream | None = None
@@ -92,8 +95,22 @@ class Leader:
         """Where the next motion starts: at the last target, or where the arm is."""
         return self.q if self._target is None else self._target
 
+    def _check_line(self) -> None:
+        """The library mends its connections by itself and would go on leading; this one stays closed once it was."""
+        try:
+            closed = self._line.recv(4096) == b""
+        except BlockingIOError:
+            return
+        except OSError:
+            closed = True
+        if closed:
+            raise ConnectionLost(f"{self._where} closed the connection; check the cable and the controller")
+
     def new_time(self) -> bool:
-        """Whether a period has gone by on the controller's clock. Raises ConnectionLost where it stands still."""
+        """Whether a period has gone by on the controller's clock. Raises ConnectionLost where it stands still or has
+        closed the connection.
+        """
+        self._check_line()
         now, ours = float(self._receive.getTimestamp()), time.monotonic()
         if now != self.time and now > 0:
             self._heard = ours
