@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from grasping.pose.object_model import ObjectModel, object_model
+from pec.data.dataset import UNKNOWN
 from pec.data.shards import read_manifest, read_shard
 from pec.errors import DatasetError
 from pecgrasp_env.capture.scenes.frames import FIRST_OBJECT, read_frames
@@ -62,6 +63,8 @@ def cloud_cases(folder: Path, per_object: int) -> Iterator[CloudCase]:
         shard = read_shard(folder / record.file, record)
         for k in range(len(shard)):
             index = int(shard.instance_index[k])
+            if manifest.instances[index]["class"] == UNKNOWN:  # a stranger has no pose to be found
+                continue
             seen[index] = seen.get(index, 0) + 1
             if seen[index] <= per_object:
                 yield CloudCase(
@@ -104,7 +107,7 @@ def frame_cases(folder: Path, most: int) -> tuple[list[ObjectModel], Iterator[Fr
                 names = [manifest.classes[k] for k in frame.class_index]
                 yield FrameCase(
                     f"{folder.name}/{record.file}/{count}",
-                    str(manifest.config["kinds"][frame.kind]),
+                    list(manifest.config["kinds"])[frame.kind],
                     np.stack([x, y, z], axis=-1),
                     labels,
                     tuple(models[name].name if name in models else None for name in names),
