@@ -85,7 +85,8 @@ def test_the_grids_are_those_of_the_tables():
     objects, planners = (grid[name].split(",") for name in ("object", "planner"))
     published = resolved("experiment=table_5_2")[1]["table"]["published"]
     assert [sorted(objects)] * 2 == [sorted(figures) for figures in published.values()]
-    assert sorted(planners) == sorted(path.stem for path in (ROOT / "conf/planner").glob("*.yaml"))
+    of_clouds = {path.stem for path in (ROOT / "conf/planner").glob("*.yaml")} - {"model"}  # which needs meshes
+    assert sorted(planners) == sorted(of_clouds)
     assert sum(published["proposed"].values()) / 6 == pytest.approx(94.17, abs=0.01)
     grid = resolved("experiment=selective", "checkpoint=x")[0]["hydra"]["sweeper"]["params"]
     assert grid == {"env.n_objects": "1,3,5,8", "env.clutter": "apart,close"}
