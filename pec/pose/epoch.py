@@ -12,6 +12,7 @@ from pec.pose.config import PoseProtocol, PoseTrainConfig
 from pec.pose.distance import PoseDistance
 from pec.pose.hypotheses import Hypotheses, hypotheses
 from pec.pose.network import PoseNetwork
+from pec.training.schedule import warm_cosine
 
 __all__ = ["pose_loss", "run_epoch"]
 
@@ -36,7 +37,7 @@ def run_epoch(
     total, rate = 0.0, protocol.learning_rate
     network.train()
     for step, index in enumerate(order.tensor_split(n_steps)):
-        rate = learning_rate(protocol, (epoch * n_steps + step) / (protocol.epochs * n_steps))
+        rate = warm_cosine(protocol.learning_rate, (epoch * n_steps + step) / (protocol.epochs * n_steps))
         for group in optimizer.param_groups:
             group["lr"] = rate
         model, truth = training.model[index], training.T_camera_object[index]
@@ -62,10 +63,3 @@ def pose_loss(said: Hypotheses, gap: torch.Tensor, protocol: PoseProtocol) -> to
     surprise = torch.nn.functional.smooth_l1_loss(said.expected, gap.detach(), beta=0.1)
     distance = (1 - protocol.spread) * gap.amin(dim=1).mean() + protocol.spread * gap.mean()
     return distance + protocol.confidence * surprise
-
-
-def learning_rate(protocol: PoseProtocol, progress: float) -> float:
-    """The rate at `progress` in [0, 1): a tenth of the run up and a cosine down to nothing."""
-    if progress < 0.1:
-        return protocol.learning_rate * (0.05 + 0.95 * progress / 0.1)
-    return protocol.learning_rate * (0.5 + 0.5 * math.cos(math.pi * (progress - 0.1) / 0.9))

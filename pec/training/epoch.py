@@ -19,6 +19,7 @@ from pec.networks.baselines import NearestNeighbours, PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.training.config import ProtocolConfig, TrainConfig
 from pec.training.running_statistics import without_their_start
+from pec.training.schedule import warm_cosine
 
 __all__ = ["EpochResult", "Epochs", "learning_rate", "log_class_shares", "memorise"]
 
@@ -141,9 +142,7 @@ def learning_rate(protocol: ProtocolConfig, progress: float) -> float:
     peak = protocol.learning_rate
     if protocol.schedule == "constant":
         return peak
-    if progress < 0.1:
-        return peak * (0.05 + 0.95 * progress / 0.1)
-    return peak * (0.5 + 0.5 * math.cos(math.pi * (progress - 0.1) / 0.9))
+    return warm_cosine(peak, progress)
 
 
 def log_class_shares(labels: torch.Tensor, n_classes: int) -> torch.Tensor:
