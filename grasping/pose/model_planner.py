@@ -60,8 +60,7 @@ class ModelPlanner:
         self._planner = CurvaturePlanner(gripper, **settings)
         self._all = PoseEstimator(self.models)
         self._of_class = {
-            label: PoseEstimator([model for model in self.models if model.label == label])
-            for label in dict.fromkeys(model.label for model in self.models)
+            label: self._all.of_class(label) for label in dict.fromkeys(model.label for model in self.models)
         }
 
     def plan(

@@ -64,6 +64,13 @@ class PoseEstimator:
         self.reason = ""
         self._prepared = [PreparedModel(model) for model in models]
 
+    def of_class(self, label: str) -> PoseEstimator:
+        """One that knows the models of a class only, prepared once for both. Raises ModelError where there are none."""
+        of_it = [each for each in self._prepared if each.model.label == label]
+        estimator = PoseEstimator([each.model for each in of_it])
+        estimator._prepared = of_it
+        return estimator
+
     def estimate(
         self,
         cloud: ArrayLike | Scene,

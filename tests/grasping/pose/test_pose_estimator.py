@@ -72,6 +72,17 @@ def test_of_several_models_the_right_one_is_found() -> None:
         assert surface_off(model, found.T_camera_object, pose(seed + 20)) < 0.005
 
 
+def test_a_class_alone_is_found_as_by_an_estimator_of_its_own() -> None:
+    stone, box = model_of("stone"), model_of("box")
+    estimator = PoseEstimator([stone, box]).of_class(box.label)
+    assert estimator.models == (box,)
+    cloud = cut_out("box", pose(22))
+    (found,), (own,) = estimator.estimate(cloud), PoseEstimator([box]).estimate(cloud)
+    assert np.array_equal(found.T_camera_object, own.T_camera_object)
+    with pytest.raises(ModelError, match="none"):
+        estimator.of_class(stone.label)
+
+
 def test_a_frame_gives_every_instance_and_leaves_strangers_out() -> None:
     things = [
         ("stone", on_table(1, -0.15, 0.02, 0.08)),
