@@ -13,16 +13,21 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SAMPLED = 160  # pixels that suffice to measure eight numbers
+JUDGED = 2000  # pixels among which enough lie off the frame's plane, where there is one
+OFF_PLANE = 0.02  # of a point's distance: seen from another place, it would lie that far from its line, rad
 FEWEST = 20  # pixels with depth, below which the camera is not measured
 MOST_ERROR = 0.003  # rad; nine of ten pixels look along their line to within this, else the viewpoint is another
+PLANE_ROUNDS = 6  # of a fit to the half that lies nearest to the plane before
 BESIDE = 0.015  # m around an object's outline within which a hole that begins at it belongs to it
 
 
 class LinesOfSight:
     """The pinhole camera of an organised frame (H, W), measured on its points.
 
-    `fits` says whether the points lie along straight lines from the viewpoint, in the order of their pixels. pixel:
-    the angle between the lines of two neighbours in the middle of the image, rad.
+    `fits` says whether the points lie along straight lines from the viewpoint, in the order of their pixels. Those of
+    one plane do so from any viewpoint, as two pictures of a plane are a homography apart (Hartley and Zisserman, ch.
+    13): so what lies off the plane has to, as well. pixel: the angle between the lines of two neighbours in the middle
+    of the image, rad.
     """
 
     def __init__(
@@ -33,12 +38,11 @@ class LinesOfSight:
         index = np.flatnonzero(valid)
         if len(index) < FEWEST:
             return
-        index = index[np.linspace(0, len(index) - 1, min(SAMPLED, len(index))).astype(np.int64)]
-        seen = points.take(index, axis=0).astype(np.float64) - viewpoint
-        length = np.linalg.norm(seen, axis=1)
-        index, seen = index[length > 1e-6], seen[length > 1e-6] / length[length > 1e-6, None]
+        judged, towards = _evenly(points, index, JUDGED, viewpoint)
+        index, seen = _evenly(points, index, SAMPLED, viewpoint)
         if len(index) < FEWEST:
             return
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         # A pixel (column, row, 1) looks along A · pixel: their cross product is zero, linear in A's nine numbers.
         pixels = self._pixels(index)
         x, y, z = seen.T[:, :, None]
@@ -48,13 +52,20 @@ class LinesOfSight:
         rows[2, :, :3], rows[2, :, 3:6] = -y * pixels, x * pixels
         flat = rows.reshape(-1, 9)
         self._A = np.linalg.eigh(flat.T @ flat)[1][:, 0].reshape(3, 3)
-        along = (self.directions(index) * seen).sum(axis=1)
-        if along.sum() < 0:
-            self._A, along = -self._A, -along
-        self.fits = bool(np.count_nonzero(along > np.cos(MOST_ERROR)) >= 0.9 * len(along))
+        if (self.directions(index) * seen).sum() < 0:
+            self._A = -self._A
+        off = _off_plane(towards)
+        self.fits = self._meets(index, seen) and (
+            np.count_nonzero(off) < FEWEST or self._meets(judged[off], towards[off])
+        )
         middle = (shape[0] // 2) * shape[1] + shape[1] // 2
         one, other = self.directions(np.array([middle, middle - 1]))
         self.pixel = float(np.linalg.norm(one - other))
+
+    def _meets(self, index: IntArray, seen: FloatArray) -> bool:
+        """Whether nine of ten pixels (M,) look along the lines (M, 3) to what they saw."""
+        along = (self.directions(index) * seen).sum(axis=1)
+        return bool(np.mean(along > np.cos(MOST_ERROR) * np.linalg.norm(seen, axis=1)) >= 0.9)
 
     @property
     def axes(self) -> tuple[FloatArray, FloatArray]:
@@ -112,6 +123,25 @@ class LinesOfSight:
         if not far.all():
             far[far == 0] = np.linalg.norm(points - self.viewpoint, axis=1).max()
         return np.asarray(self.viewpoint + far[:, None] * along)
+
+
+def _evenly(points: NDArray, index: IntArray, most: int, viewpoint: FloatArray) -> tuple[IntArray, FloatArray]:
+    """At most so many of the pixels (N,), in even steps, and where they are seen from the viewpoint, (M, 3) m."""
+    index = index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(np.int64)]
+    seen = points.take(index, axis=0).astype(np.float64) - viewpoint
+    apart = (seen * seen).sum(axis=1) > 1e-12
+    return index[apart], seen[apart]
+
+
+def _off_plane(seen: FloatArray) -> NDArray[np.bool_]:
+    """Which of the points (M, 3), seen from 0, lie off the plane that half of them or more lie on."""
+    near = np.ones(len(seen), dtype=bool)
+    for _ in range(PLANE_ROUNDS):
+        middle = seen[near].mean(axis=0)
+        normal = np.linalg.eigh(np.cov(seen[near].T))[1][:, 0]
+        away = np.abs((seen - middle) @ normal)
+        near = away <= np.median(away)
+    return np.asarray(away > OFF_PLANE * np.linalg.norm(seen, axis=1))
 
 
 def holes_at(holes: NDArray[np.bool_], index: IntArray, reach: int) -> IntArray:

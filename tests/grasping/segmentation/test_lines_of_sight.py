@@ -5,6 +5,7 @@ import pytest
 from rendered_scenes import BOXES, FOCAL, HEIGHT, WIDTH, look_down, render, up_in
 
 from grasping import ConfigError, Segmenter
+from grasping.segmentation.lines_of_sight import LinesOfSight
 
 
 def holed(tilt: float = 25.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -95,3 +96,24 @@ def test_a_loose_cloud_and_one_of_one_row_or_column_have_no_holes_and_no_edge() 
 def test_a_viewpoint_without_sense_is_refused_by_name(viewpoint: object) -> None:
     with pytest.raises(ConfigError, match="viewpoint"):
         Segmenter().segment(holed()[0], viewpoint=viewpoint)  # type: ignore[arg-type]
+
+
+def test_a_frame_that_a_table_fills_says_by_what_stands_on_it_from_where_it_was_seen() -> None:
+    T = look_down(0.0)
+    frame, _ = render([(0.0, 0.0, 0.05, 0.05, 0.05), (0.2, 0.1, 0.04, 0.04, 0.06)], T, 0.0)
+    points = frame.reshape(-1, 3)
+    valid = np.isfinite(points).all(axis=1)
+    assert LinesOfSight(points, valid, frame.shape[:2], np.zeros(3)).fits
+    world = points @ T[:3, :3].T + T[:3, 3] - [0.5, 0.0, 0.0]
+    assert not LinesOfSight(world, valid, frame.shape[:2], np.zeros(3)).fits
+    assert LinesOfSight(world, valid, frame.shape[:2], T[:3, 3] - [0.5, 0.0, 0.0]).fits
+    assert len(Segmenter().segment(world.reshape(frame.shape), up=(0, 0, 1)).objects) == 2
+
+
+def test_a_bare_plane_looks_alike_from_everywhere() -> None:
+    T = look_down(20.0)
+    frame, _ = render([], T, 0.0)
+    points = frame.reshape(-1, 3)
+    valid = np.isfinite(points).all(axis=1)
+    for viewpoint in (np.zeros(3), np.array([0.1, 0.2, -0.1])):
+        assert LinesOfSight(points, valid, frame.shape[:2], viewpoint).fits
