@@ -44,7 +44,7 @@ from pecgrasp_env.sensor.intrinsics import deproject
 if TYPE_CHECKING:
     from pecgrasp_env.sensor import CameraIntrinsics
 
-__all__ = ["TabletopScenario", "resting_poses"]
+__all__ = ["Layout", "TabletopScenario", "resting_poses"]
 
 _MOST_FRAMES = 200
 """Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
@@ -72,7 +72,7 @@ def resting_poses(model: ObjectModel, drops: int, seed: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Layout:
+class Layout:
     """A laid table before anybody has looked at it; without shots where the objects did not fit on it."""
 
     seed: int
@@ -137,7 +137,7 @@ class TabletopScenario:
                 )
         return captured
 
-    def _frames(self, models: Sequence[ObjectModel], first: str, key: str) -> Iterator[tuple[_Layout, Table | None]]:
+    def _frames(self, models: Sequence[ObjectModel], first: str, key: str) -> Iterator[tuple[Layout, Table | None]]:
         """Laid tables and what an exact camera sees of them, None where there was no room; without end."""
         ahead = max(1, self._renderer.at_once // len(models))
         for start in itertools.count(0, ahead):
@@ -151,7 +151,7 @@ class TabletopScenario:
                 table = compose(layout.shots, of_layout, layout.T_base_camera, layout.camera) if of_layout else None
                 yield layout, table
 
-    def _lay_out(self, models: Sequence[ObjectModel], seed: int) -> _Layout:
+    def _lay_out(self, models: Sequence[ObjectModel], seed: int) -> Layout:
         config, rng = self._config, np.random.default_rng(seed)
         of_robot = len(config.intrinsics) * len(self._postures)
         number = int(rng.integers(of_robot))
@@ -168,11 +168,11 @@ class TabletopScenario:
         try:
             placed = self._place(models, rng)
         except PlacementError:
-            return _Layout(seed, rng, number, camera, q, T_base_camera, on_stand, [])
+            return Layout(seed, rng, number, camera, q, T_base_camera, on_stand, [])
         T_camera_base = np.linalg.inv(T_base_camera)
         poses = [T_camera_base @ _matrix(pose) for pose in placed]
         shots = [Shot(i, pose, camera, self._renderer.extent(i, pose, camera)) for i, pose in enumerate(poses)]
-        return _Layout(seed, rng, number, camera, q, T_base_camera, on_stand, shots)
+        return Layout(seed, rng, number, camera, q, T_base_camera, on_stand, shots)
 
     def _check(self, model: ObjectModel) -> None:
         """Raises CaptureError where an object cannot be captured."""
@@ -186,7 +186,7 @@ class TabletopScenario:
 
     def _cut(
         self,
-        layout: _Layout,
+        layout: Layout,
         table: Table | None,
         subjects: Sequence[Subject],
         reasons: Mapping[int, Counter[str]],

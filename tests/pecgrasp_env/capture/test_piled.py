@@ -33,6 +33,16 @@ def test_clouds_of_a_heap_are_labelled_by_the_majority_and_the_same_for_one_seed
         np.testing.assert_array_equal(one.points, other.points)
 
 
+def test_one_heap_is_looked_at_from_many_places(subjects):
+    captured = open_scenario(HEAP, 1).capture(subjects, 0, 3)
+    boxes, cans = ([sample.T_camera_object for sample in captured.samples if sample.class_index == i] for i in range(2))
+    between = [np.linalg.inv(box) @ can for box, can in zip(boxes, cans, strict=True)]
+    np.testing.assert_allclose(between, between[:1] * 3, atol=1e-5)  # all of one heap
+    assert len({tuple(box[:3, 3].round(4)) for box in boxes}) == 3  # and no look is another's
+    more = open_scenario(HEAP, 1).capture(subjects, 0, 3)
+    np.testing.assert_array_equal(captured.samples[-1].points, more.samples[-1].points)
+
+
 def test_a_heap_has_its_own_usual_numbers():
     settings = {
         "objects": {"classes": None, "source": "catalogue", "path": None, "scale": 1.0, "allow_open": False, "seed": 0,
