@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "robustness": ("learn", "trained classifiers on corrupted clouds"),
     "export-onnx": ("onnx", "a trained classifier for other runtimes"),
     "pick": ("ur", "one object by its name, with an arm of one's own"),
+    "teach": ("learn", "a class to a classifier, from the thing itself"),
     "replay-pick": (None, "a pick that was recorded, planned again"),
     "fake-robot": (None, "an arm that is not there, for trying the way to it"),
     "record-demos": ("sim", "trajectories of the scripted policy"),
@@ -53,9 +54,8 @@ EXTRAS = {
 
 
 def usage() -> str:
-    lines = ["usage: pecgrasp COMMAND [KEY=VALUE …]    settings: pecgrasp COMMAND --help", ""]
-    lines += [f"  {name:18} {what}" for name, (_, what) in COMMANDS.items()]
-    return "\n".join([*lines, "Own configs, such as DIR/gripper/mine.yaml: gripper=mine --config-dir DIR"])
+    first = "usage: pecgrasp COMMAND [KEY=VALUE …] [--config-dir OWN]   more: COMMAND --help"
+    return "\n".join([first, *(f"  {name:18} {what}" for name, (_, what) in COMMANDS.items())])
 
 
 def main(command: str | None = None) -> None:

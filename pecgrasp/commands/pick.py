@@ -1,6 +1,7 @@
 """One pick with a real arm: `pecgrasp pick`; settings in conf/pick.yaml."""
 
 import sys
+from typing import Any
 
 import hydra
 from hydra.utils import instantiate
@@ -10,16 +11,26 @@ from omegaconf.errors import MissingMandatoryValue
 from pecgrasp.settings import CONF, plain
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.real.errors import RobotError
+from pecgrasp_env.real.interfaces import DepthCamera
 from pecgrasp_env.real.pick_run import run_pick
 
 failed: list[str] = []
 
 
-def _asked(doing: str) -> bool:
-    return input(f"{doing}? [y/N] ").strip().lower() in ("y", "yes")
+def asked(doing: str) -> bool:
+    """Whether the user says y; nobody there is a no."""
+    try:
+        return input(f"{doing}? [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        return False
 
 
-def _classifier(checkpoint: str | None):
+def opened(camera: dict[str, Any]) -> DepthCamera:
+    """The camera of its settings, with its own errors: Hydra would wrap them."""
+    return instantiate(camera, _partial_=True)()
+
+
+def classifier_of(checkpoint: str | None):
     if checkpoint is None:
         return None
     from pec import Classifier
@@ -34,10 +45,10 @@ def pick(cfg: DictConfig) -> None:
     except MissingMandatoryValue as error:
         sys.exit(f"pecgrasp pick: {error.full_key}=… must be given")
     try:
-        classifier = _classifier(cfg.checkpoint)
-        camera = instantiate(settings["camera"])
+        classifier = classifier_of(cfg.checkpoint)
+        camera = opened(settings["camera"])
         try:
-            good = run_pick(settings, camera, classifier, instantiate(settings["planner"]), _asked, print)
+            good = run_pick(settings, camera, classifier, instantiate(settings["planner"]), asked, print)
         finally:
             camera.close()
     except (RobotError, MotionError, ValueError, OSError) as error:

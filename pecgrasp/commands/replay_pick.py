@@ -9,7 +9,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue
 
-from pecgrasp.commands.pick import _classifier
+from pecgrasp.commands.pick import classifier_of
 from pecgrasp.settings import CONF, plain
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.real.pick_record import recorded_settings
@@ -23,7 +23,7 @@ def replay_pick(cfg: DictConfig) -> None:
         folder = Path(settings["folder"])
         checkpoint = settings["checkpoint"] or recorded_settings(folder)["checkpoint"]
         policy = ScriptedPolicy(
-            _classifier(checkpoint), instantiate(settings["planner"]), min_confidence=settings["min_confidence"]
+            classifier_of(checkpoint), instantiate(settings["planner"]), min_confidence=settings["min_confidence"]
         )
         decisions = run_replay(folder, settings["target"], policy, print)
     except MissingMandatoryValue as error:

@@ -6,6 +6,7 @@ import numpy as np
 
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.motion.collision import Surroundings, hits_itself
+from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.motion.rrt_connect import free_path
 from pecgrasp_env.robot.collision_spheres import body
 from pecgrasp_env.robot.kinematics import HOME
@@ -70,3 +71,15 @@ class Clearance:
             return ~blocked
 
         return free_path(q_start, q_goal, free, over=(HOME,))
+
+
+def path_past(seen: np.ndarray, plane: np.ndarray | None, q_start: np.ndarray, q_goal: np.ndarray) -> np.ndarray:
+    """Joint waypoints (K, 6) with an open, empty hand past points (N, 3), base frame, m, over a table (4,); straight
+    where no table is known or no path is found: between two postures high above it that is free as a rule.
+    """
+    if plane is not None:
+        try:
+            return Clearance(np.zeros((0, 3)), seen, plane).free_path(q_start, q_goal)
+        except MotionError:
+            pass
+    return np.stack([q_start, q_goal])

@@ -7,7 +7,7 @@ read from the top: each ``yield`` is one control step. Actions are those of the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasping import ROBOTIQ_2F_140, CurvaturePlanner, Segmenter
-from pecgrasp_env.motion.clearance import Clearance
+from pecgrasp_env.motion.clearance import path_past
 from pecgrasp_env.motion.grasp_approach import Approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
@@ -59,6 +59,8 @@ class ScriptedPolicy:
             asked-for class is there, which is when it has looked from all its places and nothing may be it; else -1.
         T_tool0_camera: (4, 4), how the camera is mounted, from a calibration (`pecgrasp_env.robot.camera_mount`), for
             the postures from which it looks; the default is this project's bracket.
+        look_from: joint angles (6,) of other postures to look in, such as `viewpoints.ASIDE` for a camera that stands
+            beside the robot.
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class ScriptedPolicy:
         clear: bool = False,
         answers: bool = False,
         T_tool0_camera: ArrayLike = T_TOOL0_CAMERA,
+        look_from: Sequence[np.ndarray] | None = None,
     ) -> None:
         if not 0 < min_confidence <= 1:
             raise ValueError(f"min_confidence={min_confidence}: must be in (0, 1]")
@@ -87,6 +90,8 @@ class ScriptedPolicy:
         self.clear = clear
         self.answers = answers
         self.T_tool0_camera = np.asarray(T_tool0_camera, float)
+        self._goes_round = look_from is None  # the hand carries the camera
+        self._look_from = look_postures(self.T_tool0_camera) if look_from is None else tuple(look_from)
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
@@ -225,8 +230,7 @@ class ScriptedPolicy:
         objects: seen before, and not touched since. Returns the objects, the views, and the last observation.
         """
         views: list[View] = []
-        postures = look_postures(self.T_tool0_camera)
-        for k in range(len(postures)):
+        for k in range(len(self._look_from)):
             q = self._next_posture(pick_planner, objects, k)
             self.log.doing = f"looking, view {self.log.views + 1}"
             path = self._path(objects, views[-1] if views else None, observation.q, q)
@@ -241,7 +245,7 @@ class ScriptedPolicy:
 
     def _next_posture(self, pick_planner: PickPlanner, objects: list[SeenObject], k: int) -> np.ndarray:
         """From where to look for the k-th time in a survey."""
-        likeliest = pick_planner.likeliest(objects) if k > 0 else None
+        likeliest = pick_planner.likeliest(objects) if k > 0 and self._goes_round else None
         if likeliest is not None:
             place, hides = objects[likeliest].centroid, pick_planner.hidden_from(objects)
             if hides is not None and pick_planner.doubt(objects) is not None:
@@ -255,8 +259,7 @@ class ScriptedPolicy:
                 # From straight above, nothing hides behind its neighbours.
                 return posture_above(place, k, self.T_tool0_camera)
             k -= 1  # askew, what touches has a jump between, and another side says more of the class than the same one
-        postures = look_postures(self.T_tool0_camera)
-        return postures[(len(self.log.failures) + k) % len(postures)]
+        return self._look_from[(len(self.log.failures) + k) % len(self._look_from)]
 
     def _put_down(
         self, arm: ArmSteps, held: SeenObject, lift: np.ndarray, views: list[View], observation: RobotObservation
@@ -279,14 +282,11 @@ class ScriptedPolicy:
 
     @staticmethod
     def _path(objects: list[SeenObject], view: View | None, q_start: np.ndarray, q_goal: np.ndarray) -> np.ndarray:
-        """From one view to another past what was seen; straight where nothing was, or where no path is found."""
-        if view is not None and view.plane is not None:
-            seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
-            try:
-                return Clearance(np.zeros((0, 3)), seen, view.plane).free_path(q_start, q_goal)
-            except MotionError:
-                pass
-        return np.stack([q_start, q_goal])
+        """From one view to another past what was seen; straight where nothing was."""
+        if view is None:
+            return np.stack([q_start, q_goal])
+        seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
+        return path_past(seen, view.plane, q_start, q_goal)
 
     def _pick(self, arm: ArmSteps, approach: Approach, observation: RobotObservation) -> Steps:
         """Go there, close, lift. Returns why it failed, or None, the joint path (K, 6) of the lift, and the last

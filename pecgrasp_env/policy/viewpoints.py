@@ -14,9 +14,13 @@ from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA
 _TARGET = (0.50, 0.0, 0.02)
 _HEIGHT = 0.42  # m of the camera above the table where one object is looked at from straight above
 _EYES = ((0.50, 0.0, 0.55), (0.38, 0.18, 0.48), (0.38, -0.18, 0.48), (0.30, 0.0, 0.45))
+# The arm beside the table, first at its left: a camera that stands beside the robot sees what lies there.
+ASIDE = tuple(HOME + np.array([turn, 0, 0, 0, 0, 0]) for turn in (1.3, -1.3))
 N_VIEWPOINTS = len(_EYES)
 _TILT = np.deg2rad(30)
 _TURNS = np.deg2rad([0, 40, -40, 80, -80])
+_GOLDEN_TURN = np.pi * (3 - np.sqrt(5))
+_ALL_AROUND_TILT = np.deg2rad(50)  # the largest, of many views
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> np.ndarray:
@@ -85,3 +89,23 @@ def posture_above(place: np.ndarray, turn: int, T_tool0_camera: np.ndarray = T_T
             if len(solutions):
                 return solutions[0]
     return look_postures(T_tool0_camera)[0]
+
+
+def postures_around(place: np.ndarray, count: int, T_tool0_camera: np.ndarray = T_TOOL0_CAMERA) -> list[np.ndarray]:
+    """Joint angles (6,) of `count` views of a place (3,), base frame, m, spread evenly over the cap of 50° above it, as
+    seeds are over a sunflower (Vogel 1979); fewer where the arm cannot go. T_tool0_camera: (4, 4).
+    """
+    T_camera_tool0 = np.linalg.inv(T_tool0_camera)
+    postures: list[np.ndarray] = []
+    for k in range(count):
+        tilt, heading = _ALL_AROUND_TILT * np.sqrt((k + 0.5) / count), k * _GOLDEN_TURN
+        # Where a view is out of reach, one from the same side but higher says nearly as much.
+        for lean in (tilt, tilt / 2):
+            away = _HEIGHT * np.array([np.sin(lean) * np.cos(heading), np.sin(lean) * np.sin(heading), np.cos(lean)])
+            x, y, z = (float(value) for value in np.asarray(place, float) + away)
+            T = look_at((x, y, z), (float(place[0]), float(place[1]), float(place[2])))
+            solutions = solutions_near(T @ T_camera_tool0, HOME, postures[-1] if postures else HOME)
+            if len(solutions):
+                postures.append(solutions[0])
+                break
+    return postures

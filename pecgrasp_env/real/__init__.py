@@ -5,6 +5,7 @@ Imports neither a simulator nor torch; each driver's library is imported where t
 
 from pecgrasp_env.real.errors import (
     ConnectionLost,
+    Declined,
     EmergencyStop,
     GripperFault,
     JointLimit,
@@ -22,6 +23,7 @@ __all__ = [
     "Arm",
     "ArmState",
     "ConnectionLost",
+    "Declined",
     "DepthCamera",
     "DepthImage",
     "EmergencyStop",

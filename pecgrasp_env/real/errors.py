@@ -44,6 +44,10 @@ class MotionTimeout(RobotError):
     """A motion was not finished within the time that one wanted to wait. It goes on; cancel or wait again."""
 
 
+class Declined(RobotError):
+    """The user did not agree to the next motion."""
+
+
 class MissingExtra(RobotError, ImportError):
     """A driver's library is not installed; the message has the command that installs it."""
 

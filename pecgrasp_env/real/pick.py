@@ -15,11 +15,12 @@ import numpy as np
 
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.real.errors import RobotError
-from pecgrasp_env.real.interfaces import Arm, DepthCamera, DepthImage, ParallelGripper
+from pecgrasp_env.real.errors import Declined, RobotError
+from pecgrasp_env.real.interfaces import Arm, DepthCamera, ParallelGripper
+from pecgrasp_env.real.sight import Sight
 from pecgrasp_env.real.workspace import Workspace
-from pecgrasp_env.robot.gripper_linkage import MAX_SPEED, STROKE
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
+from pecgrasp_env.robot.camera_mount import BRACKET, CameraMount
+from pecgrasp_env.robot.gripper_linkage import MAX_SPEED
 
 STEP_S = 0.05  # between two actions, as in simulation
 _PATIENCE_S = 20.0  # of our clock, for one step
@@ -58,18 +59,14 @@ class PickOutcome:
     step_ms: float
 
 
-class Declined(RobotError):
-    """The user did not agree to the next motion."""
-
-
 class Picker:
     """An arm with its gripper and camera, driven by a policy.
 
     Args:
         policy: a `ScriptedPolicy` with ``control_dt = STEP_S * speed``.
         speed: share of the simulated robot's speed, 0 … 1.
-        ask: called with what comes next, in words, and the target; False ends the run.
-        T_tool0_camera: (4, 4), from a hand-eye calibration.
+        ask: called with what comes next, in words; False ends the run.
+        mount: where the camera is, from a hand-eye calibration.
     """
 
     def __init__(
@@ -81,32 +78,22 @@ class Picker:
         workspace: Workspace,
         *,
         speed: float = 0.5,
-        ask: Callable[[str, np.ndarray], bool] | None = None,
+        ask: Callable[[str], bool] | None = None,
         record: Record | None = None,
-        T_tool0_camera: np.ndarray = T_TOOL0_CAMERA,
+        mount: CameraMount = BRACKET,
     ) -> None:
         if not 0 < speed <= 1:
             raise ValueError(f"speed={speed}: a share of the simulated robot's, in (0, 1]")
-        self._arm, self._gripper, self._camera = arm, gripper, camera
+        self._arm, self._gripper = arm, gripper
         self._policy, self._workspace = policy, workspace
         self._speed = speed
         self._ask, self._record = ask, record or NoRecord()
-        self._T_tool0_camera = T_tool0_camera
+        self._sight = Sight(arm, gripper, camera, mount, self._record.frame)
         self._told: tuple[float, float] | None = None  # opening, m, and force, N, that the gripper was sent to last
 
     def observe(self) -> RobotObservation:
         """What the policy sees at this moment; the frame is taken when it is looked at."""
-        q = self._arm.state.q
-        opening = float(np.clip(self._gripper.width, 0.0, STROKE))
-        T_base_camera = forward_kinematics(q) @ self._T_tool0_camera
-        observation = RobotObservation(q, opening, lambda: self._look(observation), camera=T_base_camera)
-        return observation
-
-    def _look(self, observation: RobotObservation) -> DepthFrame:
-        image: DepthImage = self._camera.grab()
-        frame = DepthFrame(image.depth, image.intrinsics)
-        self._record.frame(observation, frame)
-        return frame
+        return self._sight.observe()
 
     def pick(self, target: str) -> PickOutcome:
         """Until the object is up, the policy gives up, the user declines, or something stops the arm."""
@@ -123,7 +110,7 @@ class Picker:
                     break
                 if policy.log.doing != doing:
                     doing = policy.log.doing
-                    if self._ask is not None and not self._ask_at_rest(doing, action):
+                    if self._ask is not None and not self._ask_at_rest(doing):
                         raise Declined(f"stopped before {doing!r}, as was wished")
                 self._act(action, observation.opening)
                 stamps.append(time.perf_counter())
@@ -135,10 +122,10 @@ class Picker:
         lifted = policy.log.lifted and error is None
         return PickOutcome(lifted, None if lifted else policy.log.reason, error, seconds, step_ms)
 
-    def _ask_at_rest(self, doing: str, action: np.ndarray) -> bool:
+    def _ask_at_rest(self, doing: str) -> bool:
         assert self._ask is not None
         self._arm.stop()
-        return self._ask(doing, action)
+        return self._ask(doing)
 
     def _act(self, action: np.ndarray, measured: float) -> None:
         q, opening, force = action[:6].astype(float), float(action[6]), float(action[7])

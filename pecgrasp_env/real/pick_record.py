@@ -17,9 +17,9 @@ import numpy as np
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.real.camera.recorded import intrinsics_of_stored, stored_K
 from pecgrasp_env.real.errors import RobotError
 from pecgrasp_env.real.pick import PickOutcome
-from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 
 class RecordError(RobotError, ValueError):
@@ -37,15 +37,7 @@ class PickRecord:
         self._steps = (folder / "steps.jsonl").open("w")
 
     def frame(self, observation: RobotObservation, frame: DepthFrame) -> None:
-        K = frame.intrinsics
-        np.savez_compressed(
-            self.folder / "frames" / f"{self._frames:03}.npz",
-            depth=frame.depth,
-            K=K.matrix,
-            T_base_camera=observation.T_base_camera,
-            q=observation.q,
-            opening=observation.opening,
-        )
+        write_frame(self.folder / "frames" / f"{self._frames:03}.npz", observation, frame)
         self._frames += 1
 
     def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None:
@@ -68,6 +60,20 @@ class PickRecord:
         told = asdict(outcome) | {"error": error, "failures": log.failures, "doubts": log.doubts, "views": log.views}
         _write(self.folder / "outcome.json", told | {"held_m": log.held_m, "confidence": log.confidence})
         self._steps.close()
+
+
+def write_frame(path: Path, observation: RobotObservation, frame: DepthFrame) -> None:
+    """A frame that `RecordedCamera` reads, too, with where the camera and the arm were. Depth is kept as it came, so
+    that planning it again is the same to the bit.
+    """
+    np.savez_compressed(
+        path,
+        depth=frame.depth,
+        K=stored_K(frame.intrinsics),
+        T_base_camera=observation.T_base_camera,
+        q=observation.q,
+        opening=observation.opening,
+    )
 
 
 def decision_of(pick: PlannedPick) -> dict[str, Any]:
@@ -97,11 +103,9 @@ def recorded_frames(folder: Path) -> Iterator[dict[str, Any]]:
         raise RecordError(f"{folder}/frames holds no recorded frame: a folder that pecgrasp pick has left?")
     for file in files:
         with np.load(file) as held:
-            K, depth = held["K"], held["depth"]
-            height, width = depth.shape
             yield {
-                "depth": depth,
-                "intrinsics": CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
+                "depth": held["depth"],
+                "intrinsics": intrinsics_of_stored(held["K"], held["depth"].shape),
                 "T_base_camera": held["T_base_camera"],
                 "q": held["q"],
                 "opening": float(held["opening"]),

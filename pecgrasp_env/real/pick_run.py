@@ -10,23 +10,13 @@ from typing import Any
 import numpy as np
 
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.real.errors import RobotError
+from pecgrasp_env.policy.viewpoints import ASIDE
+from pecgrasp_env.real.connected import Agreement, connected, mount_of_setting, workspace_of
 from pecgrasp_env.real.interfaces import DepthCamera
 from pecgrasp_env.real.pick import STEP_S, Picker
 from pecgrasp_env.real.pick_record import PickRecord, decision_of, plan_again, recorded_settings
-from pecgrasp_env.real.robotiq import RobotiqGripper
-from pecgrasp_env.real.ur import URArm
-from pecgrasp_env.real.ur_models import URModel
-from pecgrasp_env.real.workspace import Workspace
-from pecgrasp_env.robot.camera_mount import read_mount
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA
 
 Say = Callable[[str], None]
-_ANSWERS = ("each", "once", "no")
-
-
-class PickSettingError(RobotError, ValueError):
-    """A setting of a pick makes no sense; the message names it."""
 
 
 def run_pick(
@@ -36,61 +26,27 @@ def run_pick(
 
     settings: those of conf/pick.yaml. ask: whether the user agrees to a motion, in words.
     """
-    if settings["confirm"] not in _ANSWERS:
-        raise PickSettingError(f"confirm={settings['confirm']}: must be one of {', '.join(_ANSWERS)}")
-    model = URModel.from_mapping(settings["robot"])
-    if not model.plans:
-        raise PickSettingError(
-            f"robot={model.name}: motions are planned for a UR5's lengths; look and plan with others"
+    agreement = Agreement(settings["confirm"], ask)
+    workspace, mount = workspace_of(settings["workspace"]), mount_of_setting(settings["calibration"])
+    looks: dict[str, Any] = {"look_from": ASIDE} if mount.parent == "base" else {"T_tool0_camera": mount.T}
+    policy = ScriptedPolicy(classifier, planner, control_dt=STEP_S * settings["speed"], **looks, **settings["policy"])
+    with connected(settings) as (arm, gripper):
+        record = PickRecord(Path(settings["output"]), settings)
+        picker = Picker(
+            arm,
+            gripper,
+            camera,
+            policy,
+            workspace,
+            speed=settings["speed"],
+            ask=None if settings["confirm"] == "no" else agreement.agrees,
+            record=record,
+            mount=mount,
         )
-    box = settings["workspace"]
-    workspace = Workspace(tuple(box["low"]), tuple(box["high"]), box["table"], box["max_force"])
-    policy = ScriptedPolicy(classifier, planner, control_dt=STEP_S * settings["speed"], **settings["policy"])
-    T_tool0_camera = T_TOOL0_CAMERA if settings["calibration"] is None else read_mount(settings["calibration"])
-    record = PickRecord(Path(settings["output"]), settings)
-    payload = (float(settings["payload"]), tuple(settings["payload_centre"]))
-    arm = URArm(settings["host"], model, payload=payload, patience=settings["patience"])
-    try:
-        gripper = RobotiqGripper(settings["host"])
-        try:
-            asked = Agreement(settings["confirm"], ask)
-            picker = Picker(
-                arm,
-                gripper,
-                camera,
-                policy,
-                workspace,
-                speed=settings["speed"],
-                ask=None if settings["confirm"] == "no" else asked.agrees,
-                record=record,
-                T_tool0_camera=T_tool0_camera,
-            )
-            target = settings["target"]
-            good = (
-                _look(picker, policy, record, target, say)
-                if settings["dry_run"]
-                else _pick(picker, policy, record, target, say)
-            )
-        finally:
-            gripper.close()
-    finally:
-        arm.close()
+        act = _look if settings["dry_run"] else _pick
+        good = act(picker, policy, record, settings["target"], say)
     say(f"all of it in {record.folder}")
     return good
-
-
-class Agreement:
-    """Asks before each motion, or before the first."""
-
-    def __init__(self, confirm: str, ask: Callable[[str], bool]) -> None:
-        self._confirm, self._ask = confirm, ask
-        self._agreed = False
-
-    def agrees(self, doing: str, action: np.ndarray) -> bool:
-        if self._confirm == "once" and self._agreed:
-            return True
-        self._agreed = self._ask(doing)
-        return self._agreed
 
 
 def _look(picker: Picker, policy: ScriptedPolicy, record: PickRecord, target: str, say: Say) -> bool:

@@ -9,12 +9,13 @@ T_tool0_camera:              # maps points of the camera's frame (x right, y dow
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 
 PARENTS = ("tool0", "base")
 _FARTHEST_M = {"tool0": 0.5, "base": 5.0}
@@ -22,6 +23,31 @@ _FARTHEST_M = {"tool0": 0.5, "base": 5.0}
 
 class MountError(ValueError):
     """A file from which no camera's place can be read; the message names it and the way out."""
+
+
+@dataclass(frozen=True)
+class CameraMount:
+    """parent: "tool0", the hand carries the camera, or "base", it stands beside the robot. T: (4, 4), maps points of
+    the camera's frame into the parent's, m.
+    """
+
+    parent: str
+    T: np.ndarray
+
+    def T_base_camera(self, q: np.ndarray) -> np.ndarray:
+        """(4, 4) with the arm at joint angles (6,), rad."""
+        return self.T if self.parent == "base" else forward_kinematics(q) @ self.T
+
+
+BRACKET = CameraMount("tool0", T_TOOL0_CAMERA)
+
+
+def read_any_mount(path: str | Path) -> CameraMount:
+    """Of a file that says itself what carries the camera. Raises MountError."""
+    parent = _stored(path).get("parent", "tool0")
+    if parent not in PARENTS:
+        raise MountError(f"{path}: parent: {parent}: one of {', '.join(PARENTS)}")
+    return CameraMount(parent, read_mount(path, parent))
 
 
 def mount_of(setting: str | Path | Sequence[Sequence[float]] | None) -> np.ndarray:
@@ -35,17 +61,23 @@ def mount_of(setting: str | Path | Sequence[Sequence[float]] | None) -> np.ndarr
 
 def read_mount(path: str | Path, parent: str = "tool0") -> np.ndarray:
     """T_tool0_camera (4, 4), or T_base_camera with ``parent="base"``. Raises MountError."""
+    key, stored = f"T_{parent}_camera", _stored(path)
+    if key not in stored:
+        raise MountError(f"{path}: holds {', '.join(map(str, stored))}, and no {key}: `pecgrasp calibrate` writes it")
+    return _checked(f"{path}: {key}", stored[key], parent)
+
+
+def _stored(path: str | Path) -> Mapping[str, Any]:
     import yaml
 
-    key = f"T_{parent}_camera"
     try:
         stored = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise MountError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
-    if not isinstance(stored, Mapping) or key not in stored:
-        held = ", ".join(map(str, stored)) if isinstance(stored, Mapping) else type(stored).__name__
-        raise MountError(f"{path}: holds {held}, and no {key}: `pecgrasp calibrate` writes it")
-    return _checked(f"{path}: {key}", stored[key], parent)
+    if not isinstance(stored, Mapping):
+        what = f"{type(stored).__name__}, and no T_tool0_camera"
+        raise MountError(f"{path}: holds {what}: `pecgrasp calibrate` writes it")
+    return stored
 
 
 def _checked(name: str, value: Any, parent: str) -> np.ndarray:

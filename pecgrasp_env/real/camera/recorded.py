@@ -55,16 +55,20 @@ def read_depth_image(path: Path) -> DepthImage:
     except CloudError as error:
         raise RobotError(f"{path}: {error}") from error
     metres = np.nan_to_num(depth.astype(np.float32) * np.float32(scale), nan=0.0, posinf=0.0, neginf=0.0)
-    return DepthImage(np.maximum(metres, 0), _intrinsics(K, depth.shape), time)
+    return DepthImage(np.maximum(metres, 0), intrinsics_of_stored(K, depth.shape), time)
 
 
 def write_depth_image(path: Path, image: DepthImage) -> None:
     """What `read_depth_image` reads, in whole tenths of a millimetre: a tenth of what the sensor resolves."""
     units = np.clip(np.rint(np.nan_to_num(image.depth) * 1e4), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-    K = image.intrinsics.matrix - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    np.savez_compressed(path, depth=units, K=K, depth_scale=1e-4, time=image.time)
+    np.savez_compressed(path, depth=units, K=stored_K(image.intrinsics), depth_scale=1e-4, time=image.time)
 
 
-def _intrinsics(K: np.ndarray, shape: tuple[int, ...]) -> CameraIntrinsics:
-    """K from the first pixel's centre; shape: (H, W)."""
+def stored_K(intrinsics: CameraIntrinsics) -> np.ndarray:
+    """(3, 3) that counts from the first pixel's centre, as files have it."""
+    return intrinsics.matrix - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+
+
+def intrinsics_of_stored(K: np.ndarray, shape: tuple[int, ...]) -> CameraIntrinsics:
+    """The inverse of `stored_K`; shape: (H, W)."""
     return CameraIntrinsics(shape[1], shape[0], K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5)

@@ -7,8 +7,10 @@ import time
 from contextlib import contextmanager
 from itertools import count
 
+import numpy as np
 import pytest
 
+from pec.training.loop import train
 from pecgrasp_env.real import ConnectionLost
 from pecgrasp_env.real.fakes.bench import Bench
 
@@ -56,3 +58,28 @@ def _fake_robot(host, *settings):
 def fake_robot():
     """`pecgrasp fake-robot` with settings, in a process of its own: a context, of its `Bench`."""
     return _fake_robot
+
+
+@pytest.fixture(scope="session")
+def checkpoint(tmp_path_factory):
+    """A classifier of large balls and thin rods, which takes seconds to train."""
+    folder = tmp_path_factory.mktemp("classifier")
+    rng = np.random.default_rng(0)
+    clouds, labels, things = [], [], []
+    for label, axes in enumerate([(0.15, 0.15, 0.15), (0.25, 0.006, 0.006)]):
+        for thing in range(8):
+            size = np.array(axes) * rng.uniform(0.8, 1.2)
+            for _ in range(6):
+                points = rng.normal(size=(200, 3))
+                points *= size / np.linalg.norm(points, axis=1, keepdims=True)
+                points = points[points[:, 2] < 0.3 * size[2]]  # seen from one side
+                turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+                clouds.append((points[:120] @ turn.T + np.array([0, 0, 0.6])).astype(np.float32))
+                labels.append(label)
+                things.append(8 * label + thing)
+    offsets = np.cumsum([0, *map(len, clouds)])
+    named = {"labels": np.array(labels), "instances": np.array(things), "class_names": np.array(["ball", "rod"])}
+    np.savez(folder / "clouds.npz", points=np.concatenate(clouds), offsets=offsets, **named)
+    settings = {"dataset": {"path": str(folder / "clouds.npz")}, "output": str(folder / "run")}
+    settings |= {"protocol": {"epochs": 4, "batch_size": 16}, "progress": False, "cache": str(folder / "cache")}
+    return train(settings)["checkpoint"]

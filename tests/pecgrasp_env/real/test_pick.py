@@ -11,9 +11,10 @@ pytest.importorskip("rtde_control", reason="pip install 'pecgrasp[ur]'")
 
 from pecgrasp.cli import main
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.real import ProtectiveStop, RobotiqGripper
+from pecgrasp_env.real import Declined, ProtectiveStop, RobotiqGripper
 from pecgrasp_env.real.fakes.bench import BenchCamera
-from pecgrasp_env.real.pick import STEP_S, Declined, NoRecord, Picker
+from pecgrasp_env.real.pick import STEP_S, NoRecord, Picker
+from pecgrasp_env.real.pick_record import recorded_frames
 from pecgrasp_env.real.ur import URArm
 from pecgrasp_env.real.workspace import OutsideWorkspace, Workspace
 from pecgrasp_env.robot.kinematics import HOME
@@ -106,7 +107,7 @@ def test_a_protective_stop_in_mid_move_ends_the_pick(picker, bench):
 
 def test_the_user_may_say_no_and_the_workspace_does(picker, bench):
     asked = []
-    outcome = picker(ask=lambda doing, action: bool(asked.append(doing))).pick(TARGET)
+    outcome = picker(ask=lambda doing: bool(asked.append(doing))).pick(TARGET)
     assert isinstance(outcome.error, Declined)
     assert asked == ["looking, view 1"]
     stood = np.array(bench.state["q"])
@@ -114,3 +115,19 @@ def test_the_user_may_say_no_and_the_workspace_does(picker, bench):
     assert isinstance(outcome.error, OutsideWorkspace)
     assert "would be at x" in str(outcome.error)
     assert bench.state["q"] == pytest.approx(stood, abs=0.005)
+
+
+def test_the_arm_looks_around_a_thing_and_learns_it(bench, checkpoint, tmp_path):
+    """Nothing is touched, and each frame is kept with where the camera was."""
+    bench.ask(reset=1)
+    lay = bench.state["places"][0]
+    settings = [f"host={bench.host}", f"checkpoint={checkpoint}", "camera=simulated", f"patience={PATIENCE_S}"]
+    settings += ["name=my_plug", "count=6", "lays=1", "least=4", "speed=1.0", "confirm=no", f"output={tmp_path}/out"]
+    run("teach", *settings)
+    assert bench.state["places"][0] == pytest.approx(lay, abs=1e-3)
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["views"] >= 4
+    assert results["classes"] == ["ball", "rod", "my_plug"]
+    frames = list(recorded_frames(tmp_path / "out"))
+    assert len(frames) == 6
+    assert len({tuple(frame["T_base_camera"][:3, 3].round(2)) for frame in frames}) == 6

@@ -1,0 +1,45 @@
+"""What arm, gripper and camera say at one moment, as the policy takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
+from pecgrasp_env.real.interfaces import Arm, DepthCamera, ParallelGripper
+from pecgrasp_env.robot.camera_mount import BRACKET, CameraMount
+from pecgrasp_env.robot.gripper_linkage import STROKE
+
+
+class Sight:
+    """Observations of a robot of one's own.
+
+    Args:
+        mount: where the camera is, from a hand-eye calibration.
+        seen: called with each frame that is taken and what it belongs to.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        gripper: ParallelGripper,
+        camera: DepthCamera,
+        mount: CameraMount = BRACKET,
+        seen: Callable[[RobotObservation, DepthFrame], None] = lambda observation, frame: None,
+    ) -> None:
+        self._arm, self._gripper, self._camera = arm, gripper, camera
+        self._mount, self._seen = mount, seen
+
+    def observe(self) -> RobotObservation:
+        """This moment; the frame is taken when it is looked at."""
+        q = self._arm.state.q
+        opening = float(np.clip(self._gripper.width, 0.0, STROKE))
+        observation = RobotObservation(q, opening, lambda: self._take(observation), camera=self._mount.T_base_camera(q))
+        return observation
+
+    def _take(self, observation: RobotObservation) -> DepthFrame:
+        image = self._camera.grab()
+        frame = DepthFrame(image.depth, image.intrinsics)
+        self._seen(observation, frame)
+        return frame
