@@ -55,9 +55,8 @@ class LinesOfSight:
         if (self.directions(index) * seen).sum() < 0:
             self._A = -self._A
         off = _off_plane(towards)
-        self.fits = self._meets(index, seen) and (
-            np.count_nonzero(off) < FEWEST or self._meets(judged[off], towards[off])
-        )
+        judged_off = np.count_nonzero(off) >= FEWEST
+        self.fits = self._meets(index, seen) and (not judged_off or self._meets(judged[off], towards[off]))
         middle = (shape[0] // 2) * shape[1] + shape[1] // 2
         one, other = self.directions(np.array([middle, middle - 1]))
         self.pixel = float(np.linalg.norm(one - other))
