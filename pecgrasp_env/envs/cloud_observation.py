@@ -6,7 +6,10 @@ number of sub-environments, and without a generator's state to carry along.
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+
+from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 # What is kept, base frame, m: what stands on the table in front of the robot, and what the camera sees of the hand. The
 # tabletop itself would take four points of five.
@@ -52,6 +55,15 @@ def sample_cloud(
     chosen = torch.where(count >= n_points, chosen, chosen.gather(1, turn))
     cloud = points.gather(1, chosen[..., None].expand(-1, -1, 3))
     return torch.where(count[..., None] > 0, cloud, torch.zeros_like(cloud)).float()
+
+
+def sample_cloud_of_frame(
+    depth: np.ndarray, intrinsics: CameraIntrinsics, T_base_camera: np.ndarray, seed: int, step: int, n_points: int
+) -> np.ndarray:
+    """`sample_cloud` of one depth frame (H, W), m: (n_points, 3) float32, base frame."""
+    seen = (depth, intrinsics.matrix, T_base_camera)
+    image, K, T = (torch.from_numpy(np.array(each, np.float32))[None] for each in seen)
+    return sample_cloud(image, K, T, torch.tensor([seed]), torch.tensor([step]), n_points)[0].numpy()
 
 
 def _hash(seeds: torch.Tensor, steps: torch.Tensor, n: int) -> torch.Tensor:

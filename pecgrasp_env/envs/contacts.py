@@ -15,8 +15,6 @@ from mani_skill.utils.structs.actor import Actor
 from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
 
-FORCE_RANGE_N = 250.0  # twice what the gripper can squeeze with; knocks beyond it read as this
-
 
 def pad_forces(agent: UR5Robotiq2F140, objects: Sequence[Actor]) -> torch.Tensor:
     """Force on the pads by each object, and by everything there is: (num_envs, 2, n_objects + 1, 3) N, world frame.
@@ -58,8 +56,8 @@ def pads_centre(agent: UR5Robotiq2F140) -> torch.Tensor:
 
 
 def squeeze(forces: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
-    """Grip force (num_envs,) N: the mean of both pads' force along the closing axis, 0 … FORCE_RANGE_N.
+    """Grip force (num_envs,) N: the mean of both pads' force along the closing axis, 0 … linkage.FORCE_RANGE_N.
 
     forces: of `pad_forces`. directions: of `pecgrasp_env.robot.pad_contact.outward`.
     """
-    return (forces[:, :, -1] * directions).sum(dim=2).mean(dim=1).clamp(0.0, FORCE_RANGE_N)
+    return (forces[:, :, -1] * directions).sum(dim=2).mean(dim=1).clamp(0.0, linkage.FORCE_RANGE_N)

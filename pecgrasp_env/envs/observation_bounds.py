@@ -12,10 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 from pecgrasp_env.envs.cloud_observation import CLOUD_HIGH, CLOUD_LOW
-from pecgrasp_env.envs.contacts import FORCE_RANGE_N
 from pecgrasp_env.robot import gripper_linkage as linkage
-from pecgrasp_env.sensor.maniskill_camera import LARGEST_FOCAL_LENGTH
-from pecgrasp_env.sensor.sapien_depth import FAR
+from pecgrasp_env.sensor.intrinsics import FAR, LARGEST_FOCAL_LENGTH
 
 _ROOM = 100.0  # m: nothing that slides or rolls off gets further before the episode ends
 _ROUNDING = 1.001  # of unit quaternions and rotation matrices
@@ -51,7 +49,7 @@ _RANGES: dict[str, tuple[Any, Any]] = {
     "agent/controller/gripper/force_limit": (0.0, linkage.MAX_FORCE),
     "extra/target": (0.0, 1.0),
     "extra/opening": (-0.02, linkage.STROKE + 0.02),
-    "extra/force": (0.0, FORCE_RANGE_N),
+    "extra/force": (0.0, linkage.FORCE_RANGE_N),
     "cloud": (np.minimum(CLOUD_LOW, 0.0), CLOUD_HIGH),
 }
 _OF_CAMERA: dict[str, tuple[Any, Any]] = {

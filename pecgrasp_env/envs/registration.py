@@ -6,7 +6,7 @@ MAX_EPISODE_STEPS = 400
 
 
 def register() -> None:
-    """Register both environments by name: nothing heavy is imported before `gymnasium.make`."""
+    """Register the environments by name: nothing heavy is imported before `gymnasium.make`."""
     import gymnasium
     from gymnasium.envs.registration import WrapperSpec
 
@@ -23,6 +23,12 @@ def register() -> None:
                 {"max_episode_steps": MAX_EPISODE_STEPS},
             ),
         ),
+    )
+    gymnasium.register(
+        "SelectiveGraspReal-v1",
+        entry_point="pecgrasp_env.envs.real_robot:SelectiveGraspRealEnv",
+        max_episode_steps=MAX_EPISODE_STEPS,
+        nondeterministic=True,
     )
     gymnasium.register(
         "SelectiveGraspSingle-v1",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from pecgrasp_env.real.sight import Sight
 from pecgrasp_env.real.workspace import Workspace
 
 _PATIENCE_S = 60.0  # of our clock, for one way from view to view
-_CHECKED_RAD = 0.05  # between two postures that are looked up in the workspace
 
 
 def look_around(
@@ -38,9 +36,7 @@ def look_around(
     segmenter = Segmenter() if segmenter is None else segmenter
 
     def go(path: np.ndarray, doing: str) -> RobotObservation:
-        opening = sight.observe().opening
-        for q in _dense(path):
-            workspace.check(q, opening)
+        workspace.check_path(path, sight.observe().opening)
         if not agrees(doing):
             raise Declined(f"stopped before {doing!r}, as was wished")
         arm.move_joints(path[1:]).wait(_PATIENCE_S)
@@ -56,12 +52,3 @@ def look_around(
     for k, posture in enumerate(postures_around(place, count - 1, T_tool0_camera), start=2):
         path = path_past(seen, view.plane, arm.state.q, posture)
         yield look(go(path, f"looking, view {k}"), segmenter)
-
-
-def _dense(path: np.ndarray) -> np.ndarray:
-    """Postures (N, 6) along joint waypoints (K, 6)."""
-    parts = [path[:1]]
-    for start, end in pairwise(path):
-        steps = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED_RAD)))
-        parts.append(start + np.linspace(0, 1, steps + 1)[1:, None] * (end - start))
-    return np.concatenate(parts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.real.errors import RobotError
 from pecgrasp_env.robot.kinematics import T_TOOL0_GRIPPER, forward_kinematics
 
+_CHECKED_RAD = 0.05  # between two postures of a path that are looked up
 _TIP_SLACK_M = 0.003  # of what is planned to be 1 mm above the table, with fingers that close meanwhile
 
 
@@ -41,6 +43,14 @@ class Workspace:
         lowest = float(points[1:, 2].min())
         if lowest < self.table - _TIP_SLACK_M:
             raise OutsideWorkspace(f"a fingertip would be at z = {lowest:.3f} m, below the table at {self.table} m")
+
+    def check_path(self, path: np.ndarray, opening: float) -> None:
+        """`check` all along joint waypoints (K, 6), rad, the hand at an opening, m."""
+        self.check(path[0], opening)
+        for start, end in pairwise(path):
+            steps = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED_RAD)))
+            for share in np.linspace(0, 1, steps + 1)[1:]:
+                self.check(start + share * (end - start), opening)
 
 
 def hand_points(q: np.ndarray, opening: float) -> np.ndarray:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 STROKE = 0.140  # m, greatest opening
 MIN_FORCE, MAX_FORCE = 10.0, 125.0  # N a pad
+FORCE_RANGE_N = 250.0  # that is measured: twice what it can squeeze with; knocks beyond read as this
 MAX_SPEED = 0.250  # m/s of opening
 
 CRANK_LENGTH = 0.100

@@ -20,6 +20,9 @@ import numpy as np
 __all__ = [
     "BASELINE",
     "D435",
+    "FAR",
+    "LARGEST_FOCAL_LENGTH",
+    "NEAR",
     "CameraIntrinsics",
     "SensorError",
     "deproject",
@@ -30,6 +33,11 @@ __all__ = [
 
 BASELINE = 0.050
 """Distance between the two infrared imagers, metres (D435 data sheet)."""
+
+NEAR, FAR = 0.05, 10.0
+"""Clipping planes, metres: nearer than any minimum depth of the D435, and the farthest that it measures."""
+LARGEST_FOCAL_LENGTH = 20_000.0
+"""Pixels; what is larger is no camera."""
 
 
 class SensorError(ValueError):

@@ -16,11 +16,17 @@ from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig
 from mani_skill.sensors.camera import Camera
 
 from pecgrasp_env.sensor.d435_noise import apply_d435, apply_ideal
-from pecgrasp_env.sensor.intrinsics import BASELINE, D435, CameraIntrinsics, SensorError
-from pecgrasp_env.sensor.sapien_depth import FAR, NEAR
+from pecgrasp_env.sensor.intrinsics import (
+    BASELINE,
+    D435,
+    FAR,
+    LARGEST_FOCAL_LENGTH,
+    NEAR,
+    CameraIntrinsics,
+    SensorError,
+)
 
 _LARGEST_DISPARITY = 126  # pixels that the D435's stereo processor searches
-LARGEST_FOCAL_LENGTH = 20_000.0  # px
 CAMERA = "wrist_camera"
 _SETTABLE = ("width", "height", "fov", "intrinsic", "near", "far", "pose", "shader_pack")
 

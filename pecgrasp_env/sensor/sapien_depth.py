@@ -13,12 +13,9 @@ from __future__ import annotations
 import numpy as np
 import sapien
 
-from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
+from pecgrasp_env.sensor.intrinsics import FAR, NEAR, CameraIntrinsics
 
-__all__ = ["FAR", "NEAR", "SAPIEN_FROM_OPENCV", "add_depth_camera", "linear_depth", "set_intrinsics", "take_depth"]
-
-NEAR, FAR = 0.05, 10.0
-"""Clipping planes, metres: nearer than any minimum depth of the D435, and the farthest that it measures."""
+__all__ = ["SAPIEN_FROM_OPENCV", "add_depth_camera", "linear_depth", "set_intrinsics", "take_depth"]
 
 SAPIEN_FROM_OPENCV = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) rotation: camera axes of OpenCV (x right, y down, z forward) → SAPIEN's (x forward, y left, z up)."""

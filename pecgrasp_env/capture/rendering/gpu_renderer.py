@@ -30,7 +30,7 @@ from pecgrasp_env.capture.rendering.depth_renderer import (
     window_around,
 )
 from pecgrasp_env.sensor import CameraIntrinsics
-from pecgrasp_env.sensor.sapien_depth import FAR, NEAR
+from pecgrasp_env.sensor.intrinsics import FAR, NEAR
 
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel

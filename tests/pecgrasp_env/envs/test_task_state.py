@@ -13,13 +13,13 @@ from sapien.render import RenderDirectionalLightComponent
 
 import pecgrasp_env  # noqa: F401  (registers the task)
 from pecgrasp_env.envs.cloud_observation import CLOUD_HIGH, CLOUD_LOW, sample_cloud
-from pecgrasp_env.envs.contacts import FORCE_RANGE_N, pad_forces, pads_centre, squeeze
+from pecgrasp_env.envs.contacts import pad_forces, pads_centre, squeeze
 from pecgrasp_env.envs.reward import potential, reward
 from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
 from pecgrasp_env.envs.task_state import LIFT_HEIGHT, Memory
 from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
-from pecgrasp_env.robot import UR5Robotiq2F140
+from pecgrasp_env.robot import UR5Robotiq2F140, gripper_linkage
 from pecgrasp_env.robot.pad_contact import both_press, outward
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)
@@ -196,7 +196,7 @@ def test_forces_of_one_walk_are_those_of_many_queries(env):
         reference = torch.stack([task.agent.is_grasping(other) for other in task.objects], dim=1)
         assert torch.equal(both_press(fast[:, :, :-1], directions), reference)
         assert torch.allclose(pads_centre(task.agent), task.agent.pads_pose.p, atol=1e-4)
-        assert 0 <= float(squeeze(fast, directions)) <= FORCE_RANGE_N
+        assert 0 <= float(squeeze(fast, directions)) <= gripper_linkage.FORCE_RANGE_N
         held.append(bool(info["target_held"]))
     assert any(held)
 

@@ -83,3 +83,16 @@ def checkpoint(tmp_path_factory):
     settings = {"dataset": {"path": str(folder / "clouds.npz")}, "output": str(folder / "run")}
     settings |= {"protocol": {"epochs": 4, "batch_size": 16}, "progress": False, "cache": str(folder / "cache")}
     return train(settings)["checkpoint"]
+
+
+TARGET = "plug_adapter"
+
+
+@pytest.fixture(scope="session")
+def scene_bench(hosts):
+    """A stand-in over the simulated scene with one object on the table, so that none needs to be told from others."""
+    host = hosts()
+    scene = ["env.n_objects=1", f"env.classes=[{TARGET}]", "env.objects.instances_per_class=2"]
+    with _fake_robot(host, *scene, "seed=1", "pace=4") as bench:
+        bench.host = host
+        yield bench

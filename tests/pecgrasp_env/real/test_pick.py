@@ -24,14 +24,9 @@ REST_S = 0.2
 TARGET = "plug_adapter"
 
 
-@pytest.fixture(scope="module")
-def bench(hosts, fake_robot):
-    """One object on the table, so that none needs to be told from others."""
-    host = hosts()
-    scene = ["env.n_objects=1", f"env.classes=[{TARGET}]", "env.objects.instances_per_class=2"]
-    with fake_robot(host, *scene, "seed=1", "pace=4") as bench:
-        bench.host = host
-        yield bench
+@pytest.fixture
+def bench(scene_bench):
+    return scene_bench
 
 
 class Interrupts(NoRecord):
