@@ -13,7 +13,7 @@ def vote(
     first: NDArray[np.int32],
     turn: NDArray[np.int32],
     row: NDArray[np.int32],
-    cell: NDArray[np.int32],
+    bins: NDArray[np.float64],
     turned: NDArray[np.int32],
     points: int,
     turns: int,

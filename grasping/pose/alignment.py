@@ -36,7 +36,7 @@ def partners(grid: SurfaceGrid, points: FloatArray, normals: FloatArray, T: Floa
     place = [T[:, 0, i, None] * x + T[:, 1, i, None] * y + T[:, 2, i, None] * z for i in range(3)]
     a, b, c = normals.T[:, None, :]
     facing = [T[:, 0, i, None] * a + T[:, 1, i, None] * b + T[:, 2, i, None] * c for i in range(3)]
-    shape = grid.nearest.shape[1:]
+    shape = grid.nearest.shape[:3]
     number = [np.floor((place[i] - grid.corner[i]) / grid.cell) for i in range(3)]
     inside = np.logical_and.reduce([(number[i] >= 0) & (number[i] < shape[i]) for i in range(3)])
     i, j, k = (np.where(inside, n, 0).astype(np.int64) for n in number)
@@ -44,7 +44,7 @@ def partners(grid: SurfaceGrid, points: FloatArray, normals: FloatArray, T: Floa
     best = np.full(inside.shape, np.inf)
     partner = np.full(inside.shape, -1, dtype=np.int32)
     for side in range(SIDES):
-        index = grid.nearest[side].reshape(-1)[flat]
+        index = grid.nearest[..., side].reshape(-1)[flat]
         q, n = grid.points[index], grid.normals[index]
         dx, dy, dz = (place[i] - q[..., i] for i in range(3))
         squared = dx * dx + dy * dy + dz * dz

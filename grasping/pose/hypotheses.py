@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.pose.point_pairs import FINE, TURNS, PairTable, frames, pairs_of, spread_cells
+from grasping.pose.point_pairs import FINE, TURNS, PairTable, frames, pairs_of
 from grasping.pose.voting import vote
 
 FloatArray = NDArray[np.float64]
@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 EVERY = 5  # so many points of the scene for one that votes (Drost et al.)
 FEWEST = 40  # vote, where there are so many
 PEAKS = 3  # of its accumulator that are taken
-SAME_PLACE = 0.1  # of the diameter: mean distance of the corners of two poses that are one
+SAME_PLACE = 0.1  # of the diameter: root mean square distance of the corners of two poses that are one
 
 
 def propose(
@@ -27,8 +27,7 @@ def propose(
         return np.empty((0, 4, 4)), np.empty(0, dtype=np.int64)
     voters = np.arange(0, len(points), max(1, min(EVERY, len(points) // FEWEST)))
     pairs = pairs_of(points, normals, voters, table.step, diameter)
-    pair, cell = spread_cells(pairs.bins)
-    found = vote(table, pairs.first[pair], cell, pairs.turn[pair], len(voters), PEAKS).reshape(-1, 3)
+    found = vote(table, pairs, len(voters), PEAKS).reshape(-1, 3)
     T = poses(table, frames(points[voters], normals[voters]), found)
     order = np.argsort(-found[:, 0], kind="stable")
     order = order[found[order, 0] > 0]
@@ -52,14 +51,16 @@ def joined(
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """The poses of which none before it, in order, is within `near` m; each with the votes of those that are."""
     at = np.einsum("hij,cj->hci", T[:, :3, :3], corners) + T[:, None, :3, 3]
+    flat = (at - at.mean(axis=0)).reshape(len(T), -1)
+    length = np.einsum("hi,hi->h", flat, flat)
+    squared = (length[:, None] + length - 2.0 * flat @ flat.T) / len(corners)
     kept: list[int] = []
     sums: list[int] = []
     for number in range(len(T)):
         if kept:
-            gap = at[kept] - at[number]
-            distance = np.sqrt((gap * gap).sum(axis=2)).mean(axis=1)
-            nearest = int(distance.argmin())
-            if distance[nearest] < near:
+            gaps = squared[number, kept]
+            nearest = int(gaps.argmin())
+            if gaps[nearest] < near * near:
                 sums[nearest] += int(votes[number])
                 continue
         kept.append(number)

@@ -21,7 +21,7 @@ SIDES = 6
 
 @dataclass(frozen=True)
 class SurfaceGrid:
-    """points, normals: (n, 3), object frame, m. nearest: (6, X, Y, Z) index of the nearest point to a cell's middle
+    """points, normals: (n, 3), object frame, m. nearest: (X, Y, Z, 6) index of the nearest point to a cell's middle
     among those whose normal's greatest part is along +x, −x, +y, −y, +z, −z; −1 where there is none. distance: (X, Y,
     Z) of the middle to the nearest of all, m, infinity beyond reach. corner: (3,) m. cell: m. centre: (3,) mean of the
     points.
@@ -46,12 +46,12 @@ class SurfaceGrid:
         asked = np.flatnonzero(np.isfinite(near))
         greatest = np.abs(normals).argmax(axis=1)
         side = 2 * greatest + (normals[np.arange(len(normals)), greatest] < 0)
-        nearest = np.full((SIDES, len(middles)), -1, dtype=np.int32)
+        nearest = np.full((len(middles), SIDES), -1, dtype=np.int32)
         for number in range(SIDES):
             own = np.flatnonzero(side == number)
             if len(own):
-                nearest[number, asked] = own[cKDTree(points[own]).query(middles[asked])[1]]
-        nearest = nearest.reshape(SIDES, *shape)
+                nearest[asked, number] = own[cKDTree(points[own]).query(middles[asked])[1]]
+        nearest = nearest.reshape(*shape, SIDES)
         return SurfaceGrid(points, normals, nearest, near.reshape(shape), low, cell, points.mean(axis=0))
 
     def within(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:

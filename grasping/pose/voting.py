@@ -10,25 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasping.pose import kernels
-from grasping.pose.point_pairs import FINE, TURNS, PairTable
+from grasping.pose.point_pairs import FINE, TURNS, Pairs, PairTable, spread_cells
 
 IntArray = NDArray[np.int32]
 
 
-def vote(table: PairTable, row: IntArray, cell: IntArray, turn: IntArray, rows: int, peaks: int) -> IntArray:
+def vote(table: PairTable, pairs: Pairs, rows: int, peaks: int) -> IntArray:
     """The highest entries (rows, peaks, 3) of each row's accumulator: votes, the model's point, the turn in fine parts.
 
-    row, cell, turn: (K,) of the scene's pairs, by row; turn in fine parts. Of each point of the model its best turn
-    counts; of equal ones the lower number. An entry counts what its two neighbours have, too, half: where a peak lies
-    between bins, it is no lower. The turn is that of the scene less that of the model.
+    pairs: of the scene, by row (`first`); they count in the cells next to theirs, too (`spread_cells`). Of each point
+    of the model its best turn counts; of equal ones the lower number. An entry counts what its two neighbours have,
+    too, half: where a peak lies between bins, it is no lower. The turn is that of the scene less that of the model.
     """
     found = np.zeros((rows, peaks, 3), dtype=np.int32)
     if kernels.compiled is not None:
         kernels.compiled.vote(
-            table.starts, table.first, table.turn, row, cell, turn, len(table.points), TURNS, FINE, found
+            *(table.starts, table.first, table.turn, pairs.first, pairs.bins, pairs.turn),
+            *(len(table.points), TURNS, FINE, found),
         )
         return found
     count = len(table.points)
+    pair, cell = spread_cells(pairs.bins)
+    row, turn = pairs.first[pair], pairs.turn[pair]
     bounds = np.searchsorted(row, np.arange(rows + 1))
     for number in range(rows):
         own = slice(bounds[number], bounds[number + 1])

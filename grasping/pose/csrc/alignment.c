@@ -2,14 +2,16 @@
 #include "pose.h"
 
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 
 int check_grid(const Grid *grid)
 {
+    const int32_t most = grid->count < INT32_MAX ? (int32_t)grid->count : INT32_MAX;
+    int beyond = 0; /* without a way out of the loop it is vectorised */
     for (ptrdiff_t i = 0; i < SIDES * grid->x * grid->y * grid->z; i++)
-        if (grid->nearest[i] >= grid->count)
-            return OUT_OF_RANGE;
-    return 0;
+        beyond |= grid->nearest[i] >= most;
+    return beyond ? OUT_OF_RANGE : 0;
 }
 
 ptrdiff_t find_partner(const Grid *grid, const double *point, const double *normal, const double *T, double *place)
@@ -25,11 +27,11 @@ ptrdiff_t find_partner(const Grid *grid, const double *point, const double *norm
     /* Written so that NaN is outside. */
     if (!(a >= 0 && a < (double)grid->x && b >= 0 && b < (double)grid->y && c >= 0 && c < (double)grid->z))
         return -1;
-    const ptrdiff_t size = grid->x * grid->y * grid->z;
-    const int32_t *nearest = grid->nearest + ((ptrdiff_t)a * grid->y + (ptrdiff_t)b) * grid->z + (ptrdiff_t)c;
+    const int32_t *nearest =
+        grid->nearest + SIDES * (((ptrdiff_t)a * grid->y + (ptrdiff_t)b) * grid->z + (ptrdiff_t)c);
     double best = INFINITY;
     ptrdiff_t partner = -1;
-    for (int side = 0; side < SIDES; side++, nearest += size) {
+    for (int side = 0; side < SIDES; side++, nearest++) {
         if (*nearest < 0)
             continue;
         const double *q = grid->points + 3 * (ptrdiff_t)*nearest, *n = grid->normals + 3 * (ptrdiff_t)*nearest;
@@ -42,6 +44,9 @@ ptrdiff_t find_partner(const Grid *grid, const double *point, const double *norm
     }
     return partner;
 }
+
+/* Which of the six a shift along x, y, z depends on. */
+static const int TURNED[3][3] = {{1, 2, 3}, {0, 2, 4}, {0, 1, 5}};
 
 /* x of A x = −b, of whose A the lower half is read and overwritten. */
 static void solve(double A[6][6], const double b[6], double x[6])
@@ -116,16 +121,24 @@ void align_poses(const Grid *grid, const double *points, const double *normals, 
                     continue;
                 const double weight = near * near, weak = weight * ALONG;
                 const double arm[3] = {place[0] - grid->centre[0], place[1] - grid->centre[1], place[2] - grid->centre[2]};
-                const double axes[4][3] = {{n[0], n[1], n[2]}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-                const double residual[4] = {e[0] * n[0] + e[1] * n[1] + e[2] * n[2], e[0], e[1], e[2]};
-                for (int r = 0; r < 4; r++) {
-                    const double x = axes[r][0], y = axes[r][1], z = axes[r][2], w = r ? weak : weight;
-                    const double J[6] = {arm[1] * z - arm[2] * y, arm[2] * x - arm[0] * z, arm[0] * y - arm[1] * x, x, y, z};
-                    for (int i = 0; i < 6; i++) {
-                        const double weighted = w * J[i];
-                        b[r][i] += weighted * residual[r];
+                const double along = e[0] * n[0] + e[1] * n[1] + e[2] * n[2];
+                const double J[6] = {arm[1] * n[2] - arm[2] * n[1], arm[2] * n[0] - arm[0] * n[2],
+                                     arm[0] * n[1] - arm[1] * n[0], n[0], n[1], n[2]};
+                for (int i = 0; i < 6; i++) {
+                    const double weighted = weight * J[i];
+                    b[0][i] += weighted * along;
+                    for (int j = 0; j <= i; j++)
+                        A[0][i][j] += weighted * J[j];
+                }
+                /* The rows of the place itself: of each Jacobian all but three numbers are zero. */
+                const double K[3][3] = {{arm[2], -arm[1], 1.0}, {-arm[2], arm[0], 1.0}, {arm[1], -arm[0], 1.0}};
+                for (int r = 0; r < 3; r++) {
+                    for (int i = 0; i < 3; i++) {
+                        const double weighted = weak * K[r][i];
+                        const int row = TURNED[r][i];
+                        b[1 + r][row] += weighted * e[r];
                         for (int j = 0; j <= i; j++)
-                            A[r][i][j] += weighted * J[j];
+                            A[1 + r][row][TURNED[r][j]] += weighted * K[r][j];
                     }
                 }
             }

@@ -3,7 +3,7 @@
 #include "pose.h"
 
 /* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
-#define INTERFACE 1
+#define INTERFACE 2
 
 #define INT32 "il"
 
@@ -53,30 +53,31 @@ static double *poses_of(Arrays *arrays, PyObject *from, Py_ssize_t *count, int w
 static PyObject *vote(PyObject *self, PyObject *arguments)
 {
     (void)self;
-    PyObject *starts, *first, *turn, *row, *cell, *turned, *found, *answer = NULL;
+    PyObject *starts, *first, *turn, *row, *bins, *turned, *found, *answer = NULL;
     Py_ssize_t points;
     int turns, fine;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOniiO", &starts, &first, &turn, &row, &cell, &turned, &points, &turns, &fine,
+    if (!PyArg_ParseTuple(arguments, "OOOOOOniiO", &starts, &first, &turn, &row, &bins, &turned, &points, &turns, &fine,
                           &found))
         return NULL;
     Arrays arrays = {.count = 0};
     Table table = {.points = points, .turns = turns, .fine = fine};
-    Py_ssize_t bounds = -1, entries = -1, count = -1;
-    const int32_t *rows, *cells, *angles;
-    Py_buffer *out;
+    Py_ssize_t bounds = CELLS + 1, entries = -1, count = -1;
+    const int32_t *rows, *angles;
+    Py_buffer *numbers, *out;
     if ((table.starts = list(&arrays, starts, "starts", &bounds)) &&
         (table.first = list(&arrays, first, "first", &entries)) && (table.turn = list(&arrays, turn, "turn", &entries)) &&
-        (rows = list(&arrays, row, "row", &count)) && (cells = list(&arrays, cell, "cell", &count)) &&
-        (angles = list(&arrays, turned, "turned", &count)) &&
+        (rows = list(&arrays, row, "row", &count)) && (angles = list(&arrays, turned, "turned", &count)) &&
+        (numbers = array_argument(&arrays, bins, "bins", "d", 2, 1, 4, 0)) &&
         (out = array_argument(&arrays, found, "found", INT32, 3, 2, 3, 1))) {
-        table.cells = bounds - 1;
         table.entries = entries;
-        if (points < 1 || points > 1000000 || turns < 1 || turns > 1000 || fine < 1 || fine > 1000 || bounds < 1) {
-            PyErr_SetString(PyExc_ValueError, "points, turns, fine, starts: out of range");
+        if (points < 1 || points > 1000000 || turns < 1 || turns > 1000 || fine < 1 || fine > 1000) {
+            PyErr_SetString(PyExc_ValueError, "points, turns, fine: out of range");
+        } else if (numbers->shape[0] != count) {
+            PyErr_SetString(PyExc_ValueError, "bins: another shape is needed");
         } else {
             int code;
             Py_BEGIN_ALLOW_THREADS
-            code = count_votes(&table, rows, cells, angles, count, out->shape[0], out->shape[1], out->buf);
+            code = count_votes(&table, rows, numbers->buf, angles, count, out->shape[0], out->shape[1], out->buf);
             Py_END_ALLOW_THREADS
             answer = code ? failure(code) : Py_NewRef(Py_None);
         }
@@ -91,7 +92,7 @@ static int grid_of(Arrays *arrays, PyObject *const from[5], double cell, Grid *g
     Py_buffer *nearest, *corner, *centre;
     if (!(grid->points = triples(arrays, from[0], "points", &count)) ||
         !(grid->normals = triples(arrays, from[1], "normals", &count)) ||
-        !(nearest = array_argument(arrays, from[2], "nearest", INT32, 4, 0, SIDES, 0)) ||
+        !(nearest = array_argument(arrays, from[2], "nearest", INT32, 4, 3, SIDES, 0)) ||
         !(corner = array_argument(arrays, from[3], "corner", "d", 1, 0, 3, 0)) ||
         !(centre = array_argument(arrays, from[4], "centre", "d", 1, 0, 3, 0)))
         return 0;
@@ -101,9 +102,9 @@ static int grid_of(Arrays *arrays, PyObject *const from[5], double cell, Grid *g
     }
     grid->count = count;
     grid->nearest = nearest->buf;
-    grid->x = nearest->shape[1];
-    grid->y = nearest->shape[2];
-    grid->z = nearest->shape[3];
+    grid->x = nearest->shape[0];
+    grid->y = nearest->shape[1];
+    grid->z = nearest->shape[2];
     grid->corner = corner->buf;
     grid->centre = centre->buf;
     grid->cell = cell;

@@ -21,19 +21,23 @@
 #define BUFFER 64        /* likewise */
 #define BEHIND 2.0       /* likewise */
 #define NEAREST 1e-3     /* as in view.py */
+#define DISTANCES 21     /* as in point_pairs.py, like the next three */
+#define ANGLES 15
+#define CELLS (DISTANCES * ANGLES * ANGLES * ANGLES)
+#define SPREAD 0.25
 
 /* A table of pairs by cells, and the pairs of a scene, by row. */
 typedef struct {
     const int32_t *starts, *first, *turn;
-    ptrdiff_t cells, entries, points;
+    ptrdiff_t entries, points;
     int32_t turns, fine;
 } Table;
 
-/* Fills found (rows × peaks × 3). row, cell, turn: of `count` pairs. */
-int count_votes(const Table *table, const int32_t *row, const int32_t *cell, const int32_t *turn, ptrdiff_t count,
+/* Fills found (rows × peaks × 3). row, bins (× 4), turn: of `count` pairs. */
+int count_votes(const Table *table, const int32_t *row, const double *bins, const int32_t *turn, ptrdiff_t count,
                 ptrdiff_t rows, ptrdiff_t peaks, int32_t *found);
 
-/* The model's surface and its nearest points: six grids of x × y × z. */
+/* The model's surface and its nearest points: a grid of x × y × z, six of each cell. */
 typedef struct {
     const double *points, *normals, *corner, *centre;
     const int32_t *nearest;

@@ -4,20 +4,49 @@
 #include <stdlib.h>
 #include <string.h>
 
-int count_votes(const Table *table, const int32_t *row, const int32_t *cell, const int32_t *turn, ptrdiff_t count,
+/* The cells of numbers in bins, with the neighbours of what is near a border, or 0 where they are none; see
+   point_pairs.spread_cells. */
+static int spread(const double bins[4], int32_t cells[16])
+{
+    const int32_t limits[4] = {DISTANCES, ANGLES, ANGLES, ANGLES};
+    int32_t step[4], whole[4];
+    for (int axis = 0; axis < 4; axis++) {
+        if (!(bins[axis] >= 0.0 && bins[axis] < 1e9))
+            return 0;
+        const int32_t number = (int32_t)bins[axis];
+        whole[axis] = number < limits[axis] ? number : limits[axis] - 1;
+        const double part = bins[axis] - whole[axis];
+        step[axis] = (part > 1.0 - SPREAD) - (part < SPREAD);
+        if (whole[axis] + step[axis] < 0 || whole[axis] + step[axis] >= limits[axis])
+            step[axis] = 0;
+    }
+    int count = 1, stride = 1;
+    cells[0] = 0;
+    for (int axis = 3; axis >= 0; axis--, stride *= ANGLES) {
+        for (int k = 0; k < count; k++)
+            cells[k] += whole[axis] * stride;
+        if (step[axis]) {
+            for (int k = 0; k < count; k++)
+                cells[count + k] = cells[k] + step[axis] * stride;
+            count *= 2;
+        }
+    }
+    return count;
+}
+
+int count_votes(const Table *table, const int32_t *row, const double *bins, const int32_t *turn, ptrdiff_t count,
                 ptrdiff_t rows, ptrdiff_t peaks, int32_t *found)
 {
     const int32_t turns = table->turns, parts = turns * table->fine;
     const ptrdiff_t size = table->points * turns;
-    for (ptrdiff_t i = 0; i < table->cells; i++)
+    for (ptrdiff_t i = 0; i < CELLS; i++)
         if (table->starts[i] < 0 || table->starts[i] > table->starts[i + 1] || table->starts[i + 1] > table->entries)
             return OUT_OF_RANGE;
     for (ptrdiff_t i = 0; i < table->entries; i++)
         if (table->first[i] < 0 || table->first[i] >= table->points || table->turn[i] < 0 || table->turn[i] >= parts)
             return OUT_OF_RANGE;
     for (ptrdiff_t i = 0; i < count; i++)
-        if (row[i] < (i ? row[i - 1] : 0) || row[i] >= rows || cell[i] < 0 || cell[i] >= table->cells || turn[i] < 0 ||
-            turn[i] >= parts)
+        if (row[i] < (i ? row[i - 1] : 0) || row[i] >= rows || turn[i] < 0 || turn[i] >= parts)
             return OUT_OF_RANGE;
     int32_t *votes = malloc((size_t)size * sizeof(*votes) + 1);
     int32_t *bin = malloc((size_t)(2 * parts) * sizeof(*bin) + 1); /* of a difference + parts */
@@ -33,8 +62,11 @@ int count_votes(const Table *table, const int32_t *row, const int32_t *cell, con
         memset(votes, 0, (size_t)size * sizeof(*votes));
         for (; next < count && row[next] == number; next++) {
             const int32_t *turned = bin + turn[next] + parts;
-            for (int32_t k = table->starts[cell[next]]; k < table->starts[cell[next] + 1]; k++)
-                votes[table->first[k] * turns + turned[-table->turn[k]]]++;
+            int32_t cells[16];
+            const int near = spread(bins + 4 * next, cells);
+            for (int c = 0; c < near; c++)
+                for (int32_t k = table->starts[cells[c]]; k < table->starts[cells[c] + 1]; k++)
+                    votes[table->first[k] * turns + turned[-table->turn[k]]]++;
         }
         int32_t *best = found + number * peaks * 3; /* sorted, the highest first */
         ptrdiff_t filled = 0;
