@@ -46,8 +46,9 @@ def tolerance_at(depth: float) -> float:
 @dataclass(frozen=True, eq=False)
 class Judged:
     """Poses T (H, 4, 4) of a model, the best first, and of each, (H,): the share of the points on it; how many these
-    are; of the model's surface in sight the share that was measured and the share that contradicts; the share of it
-    below the table; the inliers' residual, m; and the score by which they are compared, where near inliers count more.
+    are; of the model's surface in sight the share that was measured and the share that contradicts; of all that faces
+    the camera, hidden or not, the share that was measured; the share of the model below the table; the inliers'
+    residual, m; and the score by which they are compared, where near inliers count more.
     """
 
     prepared: PreparedModel
@@ -56,6 +57,7 @@ class Judged:
     count: FloatArray
     seen: FloatArray
     clear: FloatArray
+    shown: FloatArray
     sunk: FloatArray
     residual: FloatArray
     score: FloatArray
@@ -66,7 +68,7 @@ class Judged:
 
     def of(self, chosen: NDArray) -> Judged:
         """Some of them."""
-        names = ("T", "inliers", "count", "seen", "clear", "sunk", "residual", "score")
+        names = ("T", "inliers", "count", "seen", "clear", "shown", "sunk", "residual", "score")
         return Judged(self.prepared, *(getattr(self, name)[chosen] for name in names))
 
 
@@ -82,7 +84,8 @@ def judge(prepared: PreparedModel, sought: Sought, T: FloatArray) -> Judged:
     inliers = on.mean(axis=1)
     residual = np.sqrt((off * off * on).sum(axis=1) / np.maximum(count, 1))
     sums = look(sought.view, model.points, model.normals, prepared.spacing, model.diameter, T, sought.tolerance)
-    seen, clear, _, unknown = sums.T
+    seen, clear, hidden, unknown = sums.T
+    facing = np.maximum(seen + clear + hidden + unknown, 1e-9)
     in_sight = np.maximum(seen + clear + UNMEASURED * unknown, 1e-9)
     sunk = np.zeros(len(T))
     if sought.table is not None:
@@ -92,7 +95,10 @@ def judge(prepared: PreparedModel, sought: Sought, T: FloatArray) -> Judged:
     fit = (on * (1.0 - (off / sought.tolerance) ** 2)).mean(axis=1)
     score = fit * (seen / in_sight) * (1.0 - sunk)
     order = np.argsort(-score, kind="stable")
-    judged = Judged(prepared, T, inliers, count.astype(float), seen / in_sight, clear / in_sight, sunk, residual, score)
+    judged = Judged(
+        *(prepared, T, inliers, count.astype(float), seen / in_sight, clear / in_sight),
+        *(seen / facing, sunk, residual, score),
+    )
     return judged.of(order)
 
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from grasping.errors import ConfigError, ModelError
+from grasping.pose.acceptance import LEAST_INLIERS, SURFACE, differ, refusal, rival
 from grasping.pose.candidates import Judged, Sought, refined, tolerance_at
 from grasping.pose.hypotheses import propose
 from grasping.pose.object_model import ObjectModel
@@ -30,19 +30,11 @@ HYPOTHESES = 25  # of a model that are aligned, at least
 POINTS_EACH = 8  # of the sample that votes: in a heap so many more are
 FINE_HYPOTHESES = 4  # of them that are aligned again, on more points
 FIRST_REACH, SECOND_REACH = 0.12, 0.04  # of the diameter: how far off a pose that was voted for may be, and then
-SURFACE = 0.005  # m between the points that are aligned
 COARSE_STEPS, FINE_STEPS, LAST_STEPS = 6, 12, 25
 COARSE_POINTS, FINE_POINTS = 120, 400
-LEAST_SEEN = 0.7  # of the model's surface in sight: 98 % of D435 cut-outs of which up to 40 % is hidden have more
-MOST_CLEAR = 0.1  # of it in front of what was measured there
-MOST_SUNK = 0.1  # of the model below the table
-LEAST_INLIERS = 0.9  # of a part on one model, where it is one thing: what is on a cut-out's own model, D435 or Kinect
-SMOOTH = 0.9, 0.35  # least cosine of two normals, and greatest slope, with which a surface goes on from point to point
-RUNS_ON = 0.2  # of the root of the points explained, which an outline has some 3.5 of: where it goes on, the thing does
-LEAST_SEEN_BESIDE = 0.8  # of a model's surface in sight, where other things are in the part, too
 NEARLY = 0.9  # of the best's score: poses that may still become the best
+LARGE_ENOUGH = 0.75  # of a piece's extent: the least diameter of a model that may be all of it, as noise lengthens it
 AS_GOOD = 0.97  # of the best's score: poses that fit as well
-OTHER = 0.1  # of the diameter: how far a point of one pose must be from the other for the two to differ
 
 
 class PoseEstimator:
@@ -87,11 +79,11 @@ class PoseEstimator:
         found: list[ObjectPose] = []
         reasons = [parts.reason] if parts.reason else []
         view = View.of(parts.points, parts.eye) if parts.parts else None
-        for part in parts.parts:
+        for part, pieces in zip(parts.parts, parts.pieces, strict=True):
             assert view is not None
-            poses, reason = self._in_part(parts, part, view)
+            poses, why = self._in_part(parts, part, pieces, view)
             found += poses
-            reasons += [reason] if reason else []
+            reasons += why
         self.reason = "; ".join(dict.fromkeys(reasons))
         return found
 
@@ -124,7 +116,7 @@ class PoseEstimator:
         sought = self._sought(parts, part, view)
         coarse = refined(prepared, sought.some(COARSE_POINTS), T, FIRST_REACH * model.diameter, COARSE_STEPS)
         fine = self._fine(prepared, sought, coarse)
-        self.reason = self._refusal(fine, sought)
+        self.reason = refusal(fine, sought)
         return None if self.reason else self._pose(fine, [], parts.index[self._near(parts, part, fine)])
 
     def _sought(self, parts: Parts, part: IntArray, view: View) -> Sought:
@@ -132,30 +124,50 @@ class PoseEstimator:
         tolerance = tolerance_at(float(np.linalg.norm(points.mean(axis=0) - parts.eye)))
         return Sought(*seen_surface(points, parts.eye, SURFACE), view, parts.table, tolerance)
 
-    def _in_part(self, parts: Parts, part: IntArray, view: View) -> tuple[list[ObjectPose], str]:
-        """The objects in one part, the best explained first, and why the rest is none."""
+    def _in_part(
+        self, parts: Parts, part: IntArray, pieces: Sequence[IntArray], view: View
+    ) -> tuple[list[ObjectPose], list[str]]:
+        """The objects in one part, piece by piece, and why the rest is none.
+
+        A pose that a piece gives takes all of the part's points that lie on it: the segmenter may have cut one thing
+        in two, and what is left of a piece in which it joined two is searched again.
+        """
         found: list[ObjectPose] = []
-        rest, reason = part, ""
-        while len(rest) >= max(FEWEST, (1.0 - LEAST_INLIERS) * len(part)):
-            if float(np.ptp(parts.points[rest], axis=0).max()) < 2.0 * SURFACE:
-                reason = f"it is hardly {2.0 * SURFACE:g} m wide"
-                break
-            sought = self._sought(parts, rest, view)
-            tried = [each for each in (self._best(prepared, sought) for prepared in self._prepared) if each is not None]
-            if not tried:
-                reason = "no pair of its points is one of a model's"
-                break
-            tried.sort(key=lambda each: -each.score[0])
-            best = next((each for each in tried if not self._refusal(each, sought)), None)
+        reasons: list[str] = []
+        left = np.zeros(len(parts.points), dtype=bool)
+        left[part] = True
+        for piece in pieces:
+            rest = piece[left[piece]]
+            while len(rest) >= max(FEWEST, (1.0 - LEAST_INLIERS) * len(piece)):
+                best, tried, reason = self._in_piece(parts, rest, view)
+                near = np.empty(0, np.int64) if best is None else self._near(parts, part[left[part]], best)
+                if best is None or not len(near):
+                    reasons += [reason] if reason else []
+                    break
+                found.append(self._pose(best, tried, parts.index[near]))
+                left[near] = False
+                rest = piece[left[piece]]
+        return found, reasons
+
+    def _in_piece(self, parts: Parts, piece: IntArray, view: View) -> tuple[Judged | None, list[Judged], str]:
+        """The best explained object of a piece, what was tried, and why there is none."""
+        if float(np.ptp(parts.points[piece], axis=0).max()) < 2.0 * SURFACE:
+            return None, [], f"it is hardly {2.0 * SURFACE:g} m wide"
+        sought = self._sought(parts, piece, view)
+        tried: list[Judged] = []
+        best: Judged | None = None
+        # Models that are large enough to be all of the piece go first: where one is, the smaller ones are none of it.
+        reach = LARGE_ENOUGH * extent(sought.points)
+        for large in (True, False):
+            own = [each for each in self._prepared if (each.model.diameter >= reach) is large]
             if best is None:
-                reason = self._refusal(tried[0], sought)
-                break
-            near = self._near(parts, rest, best)
-            if not len(near):
-                break
-            found.append(self._pose(best, tried, parts.index[near]))
-            rest = np.setdiff1d(rest, near, assume_unique=True)
-        return found, reason
+                tried += [each for each in (self._best(prepared, sought) for prepared in own) if each is not None]
+                tried.sort(key=lambda each: -each.score[0])
+                best = next((each for each in tried if not refusal(each, sought)), None)
+        if not tried:
+            return None, [], "no pair of its points is one of a model's"
+        reason = refusal(tried[0], sought) if best is None else rival(best, tried)
+        return (None if reason else best), tried, reason
 
     def _best(self, prepared: PreparedModel, sought: Sought) -> Judged | None:
         model = prepared.model
@@ -182,27 +194,6 @@ class PoseEstimator:
         reach = prepared.spacing + 2.0 * tolerance_at(float(np.linalg.norm(points.mean(axis=0) - parts.eye)))
         return rest[prepared.grid.within(local, reach)]
 
-    def _refusal(self, judged: Judged, sought: Sought) -> str:
-        """Why the best of the poses is none, or ""."""
-        reason = refusal(judged)
-        if reason or judged.inliers[0] >= LEAST_INLIERS:
-            return reason
-        name = judged.prepared.model.name
-        if judged.seen[0] < LEAST_SEEN_BESIDE:
-            return (
-                f"{name} fits best, but explains {judged.inliers[0]:.0%} of the points, and {judged.seen[0]:.0%} of "
-                f"its side was measured: at least {LEAST_INLIERS:.0%} or {LEAST_SEEN_BESIDE:.0%} are needed"
-            )
-        on = judged.prepared.grid.within(
-            (sought.points - judged.T[0, :3, 3]) @ judged.T[0, :3, :3], judged.prepared.spacing + 2.0 * sought.tolerance
-        )
-        if goes_on(sought.points, sought.normals, on) > RUNS_ON * np.sqrt(on.sum()):
-            return (
-                f"{name} fits best, but explains {judged.inliers[0]:.0%} of a surface that goes on "
-                f"where the model ends, at least {LEAST_INLIERS:.0%} are needed"
-            )
-        return ""
-
     def _pose(self, best: Judged, tried: Sequence[Judged], indices: IntArray) -> ObjectPose:
         prepared = best.prepared
         as_good = best.T[1:][best.score[1:] >= AS_GOOD * best.score[0]]
@@ -223,39 +214,7 @@ class PoseEstimator:
         )
 
 
-def refusal(judged: Judged) -> str:
-    """Why the best of the poses is none, or ""."""
-    name = judged.prepared.model.name
-    if judged.clear[0] > MOST_CLEAR:
-        return (
-            f"{name} fits best, but {judged.clear[0]:.0%} of it would stand in front of what was seen there, at most "
-            f"{MOST_CLEAR:.0%} may"
-        )
-    if judged.seen[0] < LEAST_SEEN:
-        return f"{name} fits best, but {judged.seen[0]:.0%} of its side was measured, at least {LEAST_SEEN:.0%} must be"
-    if judged.sunk[0] > MOST_SUNK:
-        return (
-            f"{name} fits best, but {judged.sunk[0]:.0%} of it would lie below the table, at most {MOST_SUNK:.0%} may"
-        )
-    return ""
-
-
-def differ(prepared: PreparedModel, one: FloatArray, other: FloatArray) -> bool:
-    """Whether the model's surface lies elsewhere at the second pose: a turn onto itself is no other pose."""
-    points = prepared.model.points[::5]
-    moved = ((points @ other[:3, :3].T + other[:3, 3]) - one[:3, 3]) @ one[:3, :3]
-    return bool(prepared.tree.query(moved)[0].max() > OTHER * prepared.model.diameter)
-
-
-def goes_on(points: FloatArray, normals: FloatArray, on: NDArray[np.bool_]) -> int:
-    """How many of the points (S, 3) that are `on` a model have a neighbour that is not, on one smooth surface."""
-    if on.all() or not on.any():
-        return 0
-    inside, outside = np.flatnonzero(on), np.flatnonzero(~on)
-    gap, near = cKDTree(points[outside]).query(points[inside], distance_upper_bound=2.0 * SURFACE)
-    inside = inside[np.isfinite(gap)]
-    near = outside[near[np.isfinite(gap)]]
-    step = points[near] - points[inside]
-    rise = np.abs(np.einsum("ij,ij->i", step, normals[inside]))
-    alike = np.einsum("ij,ij->i", normals[inside], normals[near])
-    return int(((alike > SMOOTH[0]) & (rise < SMOOTH[1] * np.linalg.norm(step, axis=1))).sum())
+def extent(points: FloatArray) -> float:
+    """The diagonal of the box (m) along the principal axes of points (N, 3)."""
+    off = points - points.mean(axis=0)
+    return float(np.linalg.norm(np.ptp(off @ np.linalg.eigh(off.T @ off)[1], axis=0)))

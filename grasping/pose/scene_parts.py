@@ -25,16 +25,17 @@ WIDEST = 1.0  # m: a wider part is a wall, or the robot, not a heap of things
 @dataclass(frozen=True, eq=False)
 class Parts:
     """points: (N, 3) of the whole input that is measured. parts: indices into it of what may be objects, each apart
-    from the others. index: (N,) of the points in the flattened input. eye: (3,). table: (4,), n·p + d = 0, or None.
-    whole: whether what lies between and behind the parts was measured, too. reason: why there are no parts.
+    from the others; pieces: of each part, those of the things into which the segmenter cuts it, the largest first.
+    index: (N,) of the points in the flattened input. eye: (3,). table: (4,), n·p + d = 0, or None. reason: why there
+    are no parts.
     """
 
     points: FloatArray
     parts: list[IntArray]
+    pieces: list[list[IntArray]]
     index: IntArray
     eye: FloatArray
     table: FloatArray | None
-    whole: bool
     reason: str = ""
 
 
@@ -60,8 +61,8 @@ def parts_of(cloud: ArrayLike | Scene, viewpoint: ArrayLike | None, table: Array
         )
     every = np.arange(len(points))
     if len(points) < FEWEST:
-        return Parts(points, [], every, eye, plane, False, f"{len(points)} points, at least {FEWEST} are needed")
-    return Parts(points, [every], every, eye, plane, False)
+        return Parts(points, [], [], every, eye, plane, f"{len(points)} points, at least {FEWEST} are needed")
+    return Parts(points, [every], [[every]], every, eye, plane)
 
 
 def _of_scene(scene: Scene, eye: FloatArray, plane: FloatArray | None) -> Parts:
@@ -72,26 +73,38 @@ def _of_scene(scene: Scene, eye: FloatArray, plane: FloatArray | None) -> Parts:
         [np.asarray(i, dtype=np.int64).reshape(-1) for i in scene.indices] or [np.empty(0, np.int64)]
     )
     index = np.concatenate([index, np.full(len(points) - len(index), -1)])
-    ends = np.cumsum([0] + [len(each) for each in clouds])
+    owner = np.repeat(np.arange(len(clouds)), [len(each) for each in clouds])
     # What touches is one part: the segmenter may have cut one thing in two.
-    parts = _clusters(points, np.arange(ends[-1]))
+    parts = _clusters(points, np.arange(len(owner)))
     reason = "" if parts else f"the scene has no object of at least {FEWEST} points"
-    return Parts(points, parts, index, eye, plane, False, reason)
+    return Parts(points, parts, [_pieces(part, owner) for part in parts], index, eye, plane, reason)
 
 
 def _of_frame(frame: NDArray, eye: FloatArray, plane: FloatArray | None) -> Parts:
+    scene = Segmenter().segment(frame, viewpoint=None if not eye.any() else eye)
     if plane is None:
-        plane = Segmenter().segment(frame, viewpoint=None if not eye.any() else eye).plane
+        plane = scene.plane
     flat = frame.reshape(-1, 3).astype(np.float64)
     measured = np.isfinite(flat).all(axis=1) & (np.square(flat).sum(axis=1) > 0)
     index = np.flatnonzero(measured)
     points = flat[index]
-    above = np.arange(len(points)) if plane is None else np.flatnonzero(points @ plane[:3] + plane[3] > OFF_TABLE)
-    parts = _clusters(points, above)
+    owner = np.full(len(flat), -1)
+    for number, own in enumerate(scene.indices):
+        owner[own] = number
+    owner = owner[index]
+    above = measured[index] if plane is None else points @ plane[:3] + plane[3] > OFF_TABLE
+    # Where the segmenter sees things, the rest is wall, floor or robot.
+    parts = _clusters(points, np.flatnonzero(above & (owner >= 0 if (owner >= 0).any() else True)))
     reason = "" if parts else f"nothing of at least {FEWEST} points stands on the table"
-    return Parts(points, parts, index, eye, plane, True, reason)
+    return Parts(points, parts, [_pieces(part, owner[part]) for part in parts], index, eye, plane, reason)
 
 
 def _clusters(points: FloatArray, chosen: IntArray) -> list[IntArray]:
     clusters = [chosen[own] for own in by_label(voxel_clusters(points[chosen], GAP)) if len(own) >= FEWEST]
     return [own for own in clusters if float(np.ptp(points[own], axis=0).max()) <= WIDEST]
+
+
+def _pieces(part: IntArray, owner: IntArray) -> list[IntArray]:
+    """Of a part those of one owner (N,) each, the largest first."""
+    pieces = [part[owner == number] for number in np.unique(owner)]
+    return sorted(pieces, key=len, reverse=True)

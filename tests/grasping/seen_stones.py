@@ -11,12 +11,19 @@ from scipy.spatial.transform import Rotation
 from grasping.pose.object_model import ObjectModel, object_model
 
 FLOOR = np.array([0.0, -0.8, -0.6, 0.42])  # n·p + d = 0, n up: a table 0.7 m ahead, seen from above
+BACKS = {"flat back": 0.015, "long back": 0.07}  # m: two shapes that are one seen from before, and end elsewhere behind
 
 
 def corners_of(shape: str) -> np.ndarray:
     """Corners (K, 3) of a shape, m; stones have no symmetry."""
     if shape == "box":
         return np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.045, 0.045) for z in (-0.08, 0.08)])
+    if shape in BACKS:
+        ring = np.array([(0.05, 0.0), (0.02, 0.045), (-0.03, 0.03), (-0.045, -0.01), (0.01, -0.04)])
+        front = np.array([(0.02, 0.01, -0.04), (-0.015, 0.0, -0.03), (0.0, -0.02, -0.025)])
+        return np.concatenate(
+            [front, *(np.column_stack([k * ring, np.full(5, z)]) for k, z in ((1, 0), (0.7, BACKS[shape])))]
+        )
     if shape == "can":
         turn = np.arange(60) * (2 * np.pi / 60)
         ring = 0.035 * np.stack([np.cos(turn), np.sin(turn)], axis=1)

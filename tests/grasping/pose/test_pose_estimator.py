@@ -131,6 +131,41 @@ def test_a_stranger_gets_no_pose_and_a_reason(shape: str, known: str) -> None:
     assert known in estimator.reason
 
 
+def test_a_side_that_two_shapes_share_tells_neither() -> None:
+    facing = np.eye(4)
+    facing[2, 3] = 0.55
+    side = cut_out("flat back", facing)
+    np.testing.assert_allclose(side, cut_out("long back", facing))
+    flat, long = model_of("flat back"), model_of("long back")
+    (found,) = PoseEstimator([flat]).estimate(side)
+    assert surface_off(flat, found.T_camera_object, facing) < 0.003
+    both = PoseEstimator([flat, long])
+    assert both.estimate(side) == []
+    for words in ("another shape", flat.name, long.name):
+        assert words in both.reason
+
+
+def test_what_is_no_larger_than_the_noise_gets_no_pose() -> None:
+    estimator = PoseEstimator([model_of("stone")])
+    far = cut_out("stone", pose(1, (0.0, 0.0, 1.9)), focal=900.0)
+    assert len(far) > 200
+    assert estimator.estimate(far) == []
+    assert "too small" in estimator.reason
+
+
+def test_a_thing_that_was_cut_in_two_is_found_once_and_has_all_its_points() -> None:
+    T = on_table(1, 0.0, 0.02, 0.08)
+    frame, _ = frame_of([("stone", T)], FLOOR)
+    scene = Segmenter().segment(frame)
+    (whole,) = scene.indices
+    left = frame.reshape(-1, 3)[whole][:, 0] < np.median(frame.reshape(-1, 3)[whole][:, 0]) + 0.015
+    pieces = [whole[left], whole[~left]]
+    cut = replace(scene, objects=[frame.reshape(-1, 3)[each] for each in pieces], indices=pieces)
+    (found,) = PoseEstimator([model_of("stone")]).estimate(cut)
+    assert off(model_of("stone"), found.T_camera_object, T) < 0.004
+    assert set(found.indices) == set(whole)
+
+
 def test_a_symmetric_thing_says_so() -> None:
     (found,) = PoseEstimator([model_of("can")]).estimate(cut_out("can", pose(6)))
     assert found.ambiguous
