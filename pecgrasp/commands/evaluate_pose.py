@@ -17,6 +17,8 @@ from pecgrasp_env.experiments.known_poses.chapter5 import chosen_regions, final_
 from pecgrasp_env.experiments.known_poses.methods import METHODS, installed
 from pecgrasp_env.experiments.known_poses.run import Rows, run_clouds, run_frames
 from pecgrasp_env.experiments.known_poses.tables import cloud_results, frame_results, table
+from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
+from pecgrasp_env.objects import ObjectError
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate_pose")
@@ -39,9 +41,16 @@ def main(cfg: DictConfig) -> None:
                 run_clouds(Path(file).stem, list(real_views(Path(file))), methods, rows, progress)
         for folder in cfg.frames:
             models, frames_here = frame_cases(Path(folder), cfg.most_frames)
+            cases_here = list(frames_here)
             with progress_bar("frame", shown=cfg.progress, title=Path(folder).name) as progress:
-                run_frames(Path(folder).name, models, list(frames_here), rows, progress)
-    except (DatasetError, ModelError, OSError) as error:
+                run_frames(Path(folder).name, models, cases_here, rows, progress, total=len(cases_here))
+        for clutter in cfg.clutters:
+            if cfg.scene.models is None:
+                sys.exit("pecgrasp evaluate-pose: clutters needs scene.models=FOLDER, the meshes that are known")
+            models, frames_here = task_frames(clutter, cfg.scene)
+            with progress_bar("scene", shown=cfg.progress, title=clutter) as progress:
+                run_frames("SelectiveGrasp-v1", models, frames_here, rows, progress, total=cfg.scene.scenes)
+    except (DatasetError, ModelError, ObjectError, OSError) as error:
         sys.exit(f"pecgrasp evaluate-pose: {error}")
     chapter5: dict[str, Any] = {}
     if cfg.chapter5 is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -91,11 +91,12 @@ def errors(model: ObjectModel, T: np.ndarray | None, T_true: np.ndarray) -> dict
 def run_frames(
     group: str,
     models: Sequence[ObjectModel],
-    cases: Sequence[FrameCase],
+    cases: Iterable[FrameCase],
     rows: Rows,
     progress: Callable[[int, int], None],
+    total: int,
 ) -> None:
-    """All models at once in whole frames without cut-outs; a row a frame."""
+    """All models at once in whole frames without cut-outs; a row a frame. total: how many frames there are."""
     estimator = PoseEstimator(models)
     by_name = {model.name: model for model in models}
     for done, case in enumerate(cases, 1):
@@ -133,4 +134,4 @@ def run_frames(
                     "objects": objects,
                 }
             )
-        progress(done, len(cases))
+        progress(done, total)

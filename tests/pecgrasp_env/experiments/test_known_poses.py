@@ -6,6 +6,8 @@ import importlib.util
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from grasping.pose.object_model import object_model
@@ -13,6 +15,7 @@ from pecgrasp_env.experiments.known_poses import methods
 from pecgrasp_env.experiments.known_poses.cases import CloudCase
 from pecgrasp_env.experiments.known_poses.run import Rows, errors, run_clouds
 from pecgrasp_env.experiments.known_poses.tables import MEASURES, cloud_results, frame_results, table
+from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
 
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
@@ -103,3 +106,27 @@ def test_frames_count_the_known_the_twins_and_the_strangers():
 def test_what_is_not_installed_is_known_without_loading_it():
     assert methods.installed("geometry")
     assert methods.installed("open3d_fpfh") == (importlib.util.find_spec("open3d") is not None)
+
+
+@pytest.mark.slow  # the simulator
+def test_scenes_of_the_task_say_where_everything_is(tmp_path):
+    for label, mesh in {
+        "brick": trimesh.creation.box((0.05, 0.07, 0.1)),
+        "tin": trimesh.creation.cylinder(0.03, 0.09),
+    }.items():
+        (tmp_path / label).mkdir()
+        mesh.export(tmp_path / label / "one.ply")
+    settings = {"models": tmp_path, "strangers": None, "n_objects": 3, "n_strangers": 1, "scenes": 1, "first_seed": 3}
+    models, frames = task_frames("apart", {**settings, "sensor": "ideal", "resolution": "424x240"})
+    (frame,) = frames
+    known = {model.name: model for model in models}
+    assert sorted(name or "" for name in frame.names)[0] == ""
+    assert len(set(frame.names) - {None}) == 2
+    assert len(frame.names) == 4
+    assert ((frame.visible >= 0) & (frame.visible <= 1)).all()
+    for k, name in enumerate(frame.names):
+        points = frame.cloud[frame.labels == k + 1]
+        assert len(points) > 100
+        if name is not None:
+            local = (points - frame.T_true[k, :3, 3]) @ frame.T_true[k, :3, :3]
+            assert np.quantile(cKDTree(known[name].points).query(local)[0], 0.9) < 0.005

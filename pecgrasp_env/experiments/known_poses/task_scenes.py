@@ -1,0 +1,93 @@
+"""Frames of SelectiveGrasp-v1 scenes, as the robot's camera sees them before anything is moved, all poses known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+
+from grasping.pose.object_model import ObjectModel, object_model
+from pecgrasp_env.experiments.known_poses.cases import FrameCase
+from pecgrasp_env.objects.mesh_folder import MeshFolder
+from pecgrasp_env.policy.observation import read_observation
+from pecgrasp_env.policy.perception import gripper_mask
+from pecgrasp_env.policy.viewpoints import look_postures
+from pecgrasp_env.scene.visibility import placed_mesh, visible_shares
+from pecgrasp_env.sensor.intrinsics import deproject
+
+__all__ = ["task_frames"]
+
+_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectModel], Iterator[FrameCase]]:
+    """The known models, and a frame of each scene of one `clutter`, from the first of the policy's places.
+
+    settings: models, FOLDER/<class>/<instance> of the known; strangers, a folder of meshes, None: composed; n_objects,
+    n_strangers, scenes, first_seed, sensor, resolution as the environment takes them. Where there are more objects than
+    classes some are there twice. Raises ObjectError for folders that hold no such meshes.
+    """
+    folder = MeshFolder(settings["models"], allow_open=True)
+    models = {}
+    for label in folder.classes:
+        for number, name in enumerate(folder.names(label)):
+            mesh = folder.load(label, number).visual_mesh()
+            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+            models[label, name] = object_model(vertices, faces, f"{label}/{name}", label, allow_open=True)
+
+    def frames() -> Iterator[FrameCase]:
+        env = gym.make(
+            "SelectiveGrasp-v1",
+            obs_mode="depth+segmentation",
+            control_mode="pd_joint_pos",
+            sim_backend="physx_cpu",
+            render_backend="cpu",
+            objects=folder,
+            clutter=clutter,
+            **{name: settings[name] for name in ("n_objects", "n_strangers", "strangers", "sensor", "resolution")},
+        )
+        try:
+            for seed in range(settings["first_seed"], settings["first_seed"] + settings["scenes"]):
+                env.reset(seed=seed)
+                yield _frame(env.unwrapped, f"{clutter}/{seed}", clutter, models)
+        finally:
+            env.close()
+
+    return list(models.values()), frames()
+
+
+def _frame(task: Any, name: str, clutter: str, models: Mapping[tuple[str, str], ObjectModel]) -> FrameCase:
+    posture = task.agent.robot.get_qpos().clone()
+    posture[0, :6] = torch.as_tensor(look_postures()[0])
+    task.agent.robot.set_qpos(posture)
+    observation = task.get_obs()
+    seen = read_observation(observation)
+    pictured = observation["sensor_data"]["wrist_camera"]["segmentation"][0, ..., 0].cpu().numpy()
+    labels = np.zeros(pictured.shape, dtype=np.int64)
+    for slot, actor in enumerate(task.objects):
+        labels[pictured == int(actor.per_scene_id[0])] = slot + 1
+    cloud = deproject(*seen.frame).astype(np.float64)
+    cloud[~(cloud[..., 2] > 0) | gripper_mask(cloud, seen.opening, seen.T_tool0_camera)] = np.nan
+
+    # Of the camera as it is, whose axes are OpenGL's here, not as the joint angles and the bracket say.
+    T_world_camera = observation["sensor_param"]["wrist_camera"]["cam2world_gl"][0].cpu().numpy() @ _OPENCV
+    T_camera_world = np.linalg.inv(T_world_camera.astype(np.float64))
+    poses = [actor.pose.to_transformation_matrix()[0].cpu().numpy().astype(np.float64) for actor in task.objects]
+    meshes = [
+        placed_mesh(model, actor.pose.raw_pose[0].cpu().numpy())
+        for model, actor in zip(task.models[0], task.objects, strict=True)
+    ]
+    visible = visible_shares(meshes, np.linalg.inv(T_camera_world), seen.frame.intrinsics)
+    known = [models.get((model.class_name, model.instance)) for model in task.models[0]]
+    return FrameCase(
+        name,
+        clutter,
+        cloud,
+        labels,
+        tuple(None if model is None else model.name for model in known),
+        np.stack([T_camera_world @ T for T in poses]),
+        visible,
+    )
