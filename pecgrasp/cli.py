@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "replay-pick": (None, "a pick that was recorded, planned again"),
     "fake-robot": (None, "an arm that is not there, for trying the way to it"),
     "record-demos": ("sim", "trajectories of the scripted policy"),
+    "export-lerobot": ("lerobot", "recorded episodes as a LeRobot data set"),
     "train-bc": ("sim", "a policy from recorded trajectories"),
     "transfer": ("sim", "what realistic training clouds are worth"),
     "published-figures": ("sim", "how often the dissertation's figures come true"),
@@ -48,6 +49,7 @@ EXTRAS = {
     "learn": ("torch", "safetensors", "tqdm", "tensorboard"),
     "ur": ("rtde_control", "rtde_receive", "dashboard_client"),
     "pose": ("trimesh",),
+    "lerobot": ("pyarrow", "h5py"),
     "onnx": ("torch", "safetensors", "onnx", "onnxscript", "onnxruntime"),
     "sim": ("torch", "tqdm", "mani_skill", "sapien", "gymnasium", "trimesh", "coacd", "h5py", "PIL", "imageio_ffmpeg"),
 }

@@ -47,6 +47,7 @@ class Bench:
         return self.ask(ask="state")
 
     def close(self) -> None:
+        self._lines.close()  # which would hold the connection open
         self._socket.close()
 
 
