@@ -41,6 +41,7 @@ class ArmSteps:
         self.force = force
         self._control_dt = control_dt
         self.command = np.array([*observation.q, ROBOTIQ_2F_140.stroke, force], np.float32)
+        self.way: np.ndarray | None = None  # waypoints (K, 6) that it follows, or followed last
 
     def _action(self, q: np.ndarray, opening: float) -> np.ndarray:
         self.command = np.array([*q, opening, self.force], np.float32)
@@ -56,6 +57,7 @@ class ArmSteps:
         careful: bool = False,
     ) -> Steps:
         """Follow joint waypoints (K, 6) and wait until the arm is there; ``careful`` stops where something resists."""
+        self.way = waypoints
         for q in time_law(waypoints, self._control_dt, speed):
             observation = yield self._action(q, opening)
             if careful and self.blocked(observation, opening):

@@ -114,6 +114,11 @@ class ScriptedPolicy:
         """Whether the policy has lifted something or given up; it then holds still."""
         return self.log.lifted or self.log.reason is not None
 
+    @property
+    def way(self) -> np.ndarray | None:
+        """Joint waypoints (K, 6), rad, that the arm is sent along, or was last; None before the first step."""
+        return None if self._steps is None else self._arm.way
+
     def act(self, obs: Mapping[str, Any]) -> np.ndarray:
         """The next action (8,) float32 of `pd_joint_pos`: joint targets rad, opening m, force limit N; with ``answers``
         (9,).

@@ -45,6 +45,21 @@ class NoRecord:
     def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None: ...
 
 
+class Records:
+    """Several of them at once."""
+
+    def __init__(self, *records: Record) -> None:
+        self._records = records
+
+    def frame(self, observation: RobotObservation, frame: DepthFrame) -> None:
+        for each in self._records:
+            each.frame(observation, frame)
+
+    def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None:
+        for each in self._records:
+            each.step(observation, action, doing)
+
+
 @dataclass(frozen=True)
 class PickOutcome:
     """lifted: something is held, so the policy believes. reason: why not, or None. error: what stopped the arm.

@@ -96,6 +96,23 @@ def decision_of(pick: PlannedPick) -> dict[str, Any]:
     }
 
 
+def lines_of(decision: dict[str, Any]) -> list[str]:
+    """What was seen and decided, for people."""
+    lines = []
+    for k, each in enumerate(decision["objects"]):
+        x, y, _ = each["place"]
+        chosen = "  <- this one" if k == decision["chosen"] else ""
+        lines.append(f"{each['label']:16} {100 * each['share']:3.0f} %  at x {x:.3f}, y {y:.3f} m{chosen}")
+    if decision["T_base_grasp"] is not None:
+        x, y, z = (row[3] for row in decision["T_base_grasp"][:3])
+        lines.append(f"grasp at {x:.3f}, {y:.3f}, {z:.3f} m, {1e3 * decision['width']:.0f} mm wide")
+    if decision["reason"] is not None:
+        lines.append(f"nothing to do: {decision['reason']}")
+    if decision["doubt"] is not None:
+        lines.append(f"better look again: {decision['doubt']}")
+    return lines
+
+
 def recorded_frames(folder: Path) -> Iterator[dict[str, Any]]:
     """Of each frame of a run depth, intrinsics, T_base_camera, q and opening, in their order. Raises RecordError."""
     files = sorted((folder / "frames").glob("*.npz"))

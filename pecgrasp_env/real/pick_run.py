@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.policy.viewpoints import ASIDE
-from pecgrasp_env.real.connected import Agreement, connected, mount_of_setting, workspace_of
+from pecgrasp_env.real.connected import Agreement, SettingError, connected, mount_of_setting, workspace_of
 from pecgrasp_env.real.interfaces import DepthCamera
-from pecgrasp_env.real.pick import STEP_S, Picker
-from pecgrasp_env.real.pick_record import PickRecord, decision_of, plan_again, recorded_settings
+from pecgrasp_env.real.live_view import LiveView
+from pecgrasp_env.real.pick import STEP_S, Picker, Record, Records
+from pecgrasp_env.real.pick_page import write_pick_page
+from pecgrasp_env.real.pick_record import PickRecord, decision_of, lines_of, recorded_settings
 
 Say = Callable[[str], None]
 
@@ -30,8 +33,9 @@ def run_pick(
     workspace, mount = workspace_of(settings["workspace"]), mount_of_setting(settings["calibration"])
     looks: dict[str, Any] = {"look_from": ASIDE} if mount.parent == "base" else {"T_tool0_camera": mount.T}
     policy = ScriptedPolicy(classifier, planner, control_dt=STEP_S * settings["speed"], **looks, **settings["policy"])
-    with connected(settings) as (arm, gripper):
+    with view_of(settings, policy, say) as view, connected(settings) as (arm, gripper):
         record = PickRecord(Path(settings["output"]), settings)
+        records: Record = record if view is None else Records(record, view)
         picker = Picker(
             arm,
             gripper,
@@ -40,16 +44,40 @@ def run_pick(
             workspace,
             speed=settings["speed"],
             ask=None if settings["confirm"] == "no" else agreement.agrees,
-            record=record,
+            record=records,
             mount=mount,
         )
-        act = _look if settings["dry_run"] else _pick
-        good = act(picker, policy, record, settings["target"], say)
-    say(f"all of it in {record.folder}")
+        good = (
+            _look(picker, policy, record, settings["target"], say, view)
+            if settings["dry_run"]
+            else _pick(picker, policy, record, settings["target"], say)
+        )
+        write_pick_page(record.folder, policy, settings["target"])
+        say(f"all of it in {record.folder}; to look at: pick.html")
+        if view is not None:
+            ask(f"close the view at {view.address}")
     return good
 
 
-def _look(picker: Picker, policy: ScriptedPolicy, record: PickRecord, target: str, say: Say) -> bool:
+@contextmanager
+def view_of(settings: dict[str, Any], policy: ScriptedPolicy | None, say: Say) -> Iterator[LiveView | None]:
+    """Of the settings view, view_host and view_port. Raises SettingError, MissingExtra."""
+    if settings["view"] not in (None, "viser"):
+        raise SettingError(f"view={settings['view']}: must be null or viser")
+    if settings["view"] is None:
+        yield None
+        return
+    view = LiveView(settings["view_host"], int(settings["view_port"]), policy)
+    say(f"live: {view.address}")
+    try:
+        yield view
+    finally:
+        view.close()
+
+
+def _look(
+    picker: Picker, policy: ScriptedPolicy, record: PickRecord, target: str, say: Say, view: LiveView | None
+) -> bool:
     observation = picker.observe()
     frame = observation.frame
     pick = policy.plan_only(
@@ -57,6 +85,8 @@ def _look(picker: Picker, policy: ScriptedPolicy, record: PickRecord, target: st
     )
     decision = decision_of(pick)
     record.decided(decision)
+    if view is not None:
+        view.planned({**frame._asdict(), "T_base_camera": observation.T_base_camera}, pick)
     for line in lines_of(decision):
         say(line)
     if pick.approach is not None:
@@ -83,30 +113,21 @@ def _pick(picker: Picker, policy: ScriptedPolicy, record: PickRecord, target: st
     return outcome.lifted
 
 
-def run_replay(folder: Path, target: str | None, policy: ScriptedPolicy, say: Say) -> list[dict[str, Any]]:
-    """Each recorded frame of a run, planned again; what was decided, frame by frame. Raises RecordError."""
+def run_replay(
+    folder: Path, target: str | None, policy: ScriptedPolicy, say: Say, view: LiveView | None = None
+) -> list[dict[str, Any]]:
+    """Each recorded frame of a run, planned again, and the run's page; what was decided, frame by frame.
+
+    Raises RecordError.
+    """
     target = target or str(recorded_settings(folder)["target"])
-    decisions = []
-    for k, (_, pick) in enumerate(plan_again(folder, policy, target)):
-        decisions.append(decision_of(pick))
+    decisions = write_pick_page(folder, policy, target, _nowhere if view is None else view.planned, "replayed.html")
+    for k, decision in enumerate(decisions):
         say(f"frame {k}")
-        for line in lines_of(decisions[-1]):
+        for line in lines_of(decision):
             say(f"  {line}")
     return decisions
 
 
-def lines_of(decision: dict[str, Any]) -> list[str]:
-    """What was seen and decided, for people."""
-    lines = []
-    for k, each in enumerate(decision["objects"]):
-        x, y, _ = each["place"]
-        chosen = "  <- this one" if k == decision["chosen"] else ""
-        lines.append(f"{each['label']:16} {100 * each['share']:3.0f} %  at x {x:.3f}, y {y:.3f} m{chosen}")
-    if decision["T_base_grasp"] is not None:
-        x, y, z = (row[3] for row in decision["T_base_grasp"][:3])
-        lines.append(f"grasp at {x:.3f}, {y:.3f}, {z:.3f} m, {1e3 * decision['width']:.0f} mm wide")
-    if decision["reason"] is not None:
-        lines.append(f"nothing to do: {decision['reason']}")
-    if decision["doubt"] is not None:
-        lines.append(f"better look again: {decision['doubt']}")
-    return lines
+def _nowhere(frame: Any, pick: Any) -> None:
+    """Shown in no live view."""
