@@ -9,11 +9,14 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import sapien
 import torch
 
 from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
 from pecgrasp_env.policy.observation import read_observation
+from pecgrasp_env.sensor.d435_noise import apply_ideal
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
+from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV, add_depth_camera, take_depth
 
 
 class SimulatedRobot:
@@ -37,6 +40,7 @@ class SimulatedRobot:
     def reset(self, seed: int) -> None:
         """A new episode: new objects, the arm in its home posture."""
         _, info = self.task.reset(seed=seed)
+        self._beside: Any = None  # a camera of this episode's scene that stands beside the robot
         self.target = str(info["target"][0])
         self.outcome: str | None = None
         self._steps = 0
@@ -73,9 +77,21 @@ class SimulatedRobot:
                 self.outcome = name
                 return
 
-    def grab(self) -> tuple[np.ndarray, CameraIntrinsics]:
-        """The wrist camera's depth (H, W), m, and its intrinsics."""
+    def grab(self, T_base_camera: np.ndarray | None = None) -> tuple[np.ndarray, CameraIntrinsics]:
+        """Depth (H, W), m, and intrinsics, of the wrist camera or, without noise, of one at T_base_camera (4, 4)."""
+        if T_base_camera is not None:
+            return self._grab_from(T_base_camera)
         return tuple(read_observation(self.task.get_obs(self.task.get_info())).frame)  # type: ignore[return-value]
+
+    def _grab_from(self, T_base_camera: np.ndarray) -> tuple[np.ndarray, CameraIntrinsics]:
+        intrinsics = self.task.sensing.intrinsics
+        if self._beside is None:
+            self._beside = add_depth_camera(self.task.scene.sub_scenes[0], intrinsics)
+        T = np.array(T_base_camera, float)
+        T[:3, :3] = T[:3, :3] @ SAPIEN_FROM_OPENCV.T
+        self._beside.entity.set_pose(sapien.Pose(T))
+        self.task.scene.update_render()
+        return apply_ideal(take_depth(self._beside), intrinsics), intrinsics
 
     def report(self) -> dict[str, object]:
         """What is asked for, how the episode ended, what lies there and where, (K, 3) m, base frame."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from pecgrasp_env.real.errors import ConnectionLost
 from pecgrasp_env.real.interfaces import DepthImage
+from pecgrasp_env.robot.camera_mount import read_mount
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 PORT = 30100
@@ -52,14 +53,18 @@ class Bench:
 
 
 class BenchCamera:
-    """The simulated wrist camera of a stand-in, as a DepthCamera."""
+    """A simulated camera of a stand-in, as a DepthCamera: on its wrist, or beside it where ``beside``, a file of
+    `pecgrasp calibrate … parent=base`, says.
+    """
 
-    def __init__(self, host: str) -> None:
+    def __init__(self, host: str, beside: str | None = None) -> None:
+        where = {} if beside is None else {"from": read_mount(beside, "base").tolist()}
+        self._wish: dict[str, Any] = {"ask": "depth", **where}
         self._bench = Bench(host)
 
     def grab(self) -> DepthImage:
         """A frame of this moment."""
-        answer = self._bench.ask(ask="depth")
+        answer = self._bench.ask(**self._wish)
         width, height, *rest = answer["intrinsics"]
         depth = np.load(io.BytesIO(base64.b64decode(answer["depth"])))
         return DepthImage(depth, CameraIntrinsics(int(width), int(height), *rest), answer["time"])

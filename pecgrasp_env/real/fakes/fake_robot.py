@@ -144,7 +144,8 @@ FAULTS: dict[str, Callable[[FakeRobot], None]] = {
 
 
 class BenchConnection(LineConnection):
-    """Lines of JSON: {"fault": name}, {"reset": seed}, {"ask": "state"}, {"ask": "depth"}, {"ask": "stop"}."""
+    """Lines of JSON: {"fault": name}, {"reset": seed}, {"ask": "state"}, {"ask": "depth"}, with {"from":
+    T_base_camera} of a camera beside the robot, {"ask": "stop"}."""
 
     def __init__(self, network: Network, client: socket.socket, robot: FakeRobot) -> None:
         super().__init__(network, client)
@@ -164,7 +165,7 @@ class BenchConnection(LineConnection):
         if wish.get("ask") == "stop":
             robot.stop()
         if wish.get("ask") == "depth":
-            return self._frame()
+            return self._frame(wish.get("from"))
         controller = robot.controller
         return {
             "time": controller.time,
@@ -177,9 +178,9 @@ class BenchConnection(LineConnection):
             **robot.plant.report(),
         }
 
-    def _frame(self) -> dict[str, Any]:
+    def _frame(self, where: list[list[float]] | None) -> dict[str, Any]:
         try:
-            depth, K = self._robot.plant.grab()
+            depth, K = self._robot.plant.grab(None if where is None else np.array(where, float))
         except ValueError as error:
             return {"error": str(error)}
         packed = io.BytesIO()

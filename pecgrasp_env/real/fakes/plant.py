@@ -25,8 +25,10 @@ class Plant(Protocol):
     def step(self, q: np.ndarray, opening: float, force: float) -> None:
         """One period with these joint targets (6,) rad, opening target m, and grip force N."""
 
-    def grab(self) -> tuple[np.ndarray, CameraIntrinsics]:
-        """The wrist camera's depth (H, W), m, and its intrinsics. Raises ValueError where there is none."""
+    def grab(self, T_base_camera: np.ndarray | None = None) -> tuple[np.ndarray, CameraIntrinsics]:
+        """Depth (H, W), m, and intrinsics, of the wrist camera or of one beside the robot, at T_base_camera (4, 4).
+        Raises ValueError where there is none.
+        """
 
     def reset(self, seed: int) -> None:
         """Everything as at a start of its own, which the seed says."""
@@ -57,7 +59,7 @@ class FollowingJoints:
     def step(self, q: np.ndarray, opening: float, force: float) -> None:
         self._q, self._opening = np.array(q), max(opening, self.between)
 
-    def grab(self) -> tuple[np.ndarray, CameraIntrinsics]:
+    def grab(self, T_base_camera: np.ndarray | None = None) -> tuple[np.ndarray, CameraIntrinsics]:
         raise ValueError("joints alone have no camera: fake-robot scene=simulated has one")
 
     def report(self) -> dict[str, object]:

@@ -11,12 +11,14 @@ pytest.importorskip("rtde_control", reason="pip install 'pecgrasp[ur]'")
 
 from pecgrasp.cli import main
 from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.policy.viewpoints import look_at
 from pecgrasp_env.real import Declined, ProtectiveStop, RobotiqGripper
 from pecgrasp_env.real.fakes.bench import BenchCamera
 from pecgrasp_env.real.pick import STEP_S, NoRecord, Picker
 from pecgrasp_env.real.pick_record import recorded_frames
 from pecgrasp_env.real.ur import URArm
 from pecgrasp_env.real.workspace import OutsideWorkspace, Workspace
+from pecgrasp_env.robot.camera_mount import write_mount
 from pecgrasp_env.robot.kinematics import HOME
 
 PATIENCE_S = 60.0
@@ -87,6 +89,22 @@ def test_the_commands_look_pick_and_plan_again(bench, tmp_path, capsys):
     run("replay-pick", f"folder={tmp_path}/look")
     replayed = json.loads((tmp_path / "look" / "replayed.json").read_text())
     assert replayed == [looked]
+
+
+def test_a_camera_beside_the_robot_picks_as_well(bench, tmp_path):
+    """It sees the table once the arm is out of its sight; its place comes from a file of `pecgrasp calibrate`."""
+    bench.ask(reset=1)
+    T = look_at((0.95, 0.0, 0.75), (0.5, 0.0, 0.0))
+    T[:3, :2] *= -1  # upright from the other side of the table
+    write_mount(tmp_path / "T_base_camera.yaml", "base", T, {})
+    place = f"{tmp_path}/T_base_camera.yaml"
+    settings = [f"host={bench.host}", f"target={TARGET}", "checkpoint=null", f"patience={PATIENCE_S}", "speed=1.0"]
+    settings += ["camera=simulated", f"camera.beside={place}", f"calibration={place}", "dry_run=false", "confirm=no"]
+    run("pick", *settings, f"output={tmp_path}/pick")
+    assert json.loads((tmp_path / "pick" / "outcome.json").read_text())["lifted"]
+    frames = list(recorded_frames(tmp_path / "pick"))
+    assert all(frame["T_base_camera"] == pytest.approx(T) for frame in frames)
+    assert abs(frames[0]["q"][0] - HOME[0]) > 1.0
 
 
 def test_a_protective_stop_in_mid_move_ends_the_pick(picker, bench):
