@@ -23,7 +23,7 @@ import torch
 from pec.checkpoint import Checkpoint
 from pec.common.atomic_files import replacing
 from pec.errors import ConfigError
-from pec.networks.baselines import NearestNeighbours
+from pec.networks.baselines import Memorising
 
 __all__ = ["export_onnx"]
 
@@ -33,7 +33,7 @@ def export_onnx(checkpoint: Checkpoint, path: str | os.PathLike[str]) -> Path:
 
     Raises ConfigError where the checkpoint is no network, ImportError where onnx or onnxscript is not installed.
     """
-    if isinstance(checkpoint.model, NearestNeighbours):
+    if isinstance(checkpoint.model, Memorising):
         raise ConfigError(f"{checkpoint.network} is not a network: there is nothing to export")
     import onnx  # an extra
 

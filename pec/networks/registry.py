@@ -9,7 +9,16 @@ import torch
 from torch import nn
 
 from pec.errors import ConfigError
-from pec.networks.baselines import DGCNN, NearestNeighbours, PointMLPElite, PointNet, PointNet2, VanillaPointNet
+from pec.networks.baselines import (
+    DGCNN,
+    Forest,
+    Memorising,
+    NearestNeighbours,
+    PointMLPElite,
+    PointNet,
+    PointNet2,
+    VanillaPointNet,
+)
 from pec.networks.fold_batchnorm import fold
 from pec.networks.pec import PEC
 from pec.networks.pec2 import PEC2
@@ -26,6 +35,7 @@ MODELS: dict[str, Callable[[int, int], nn.Module]] = {
     "dgcnn": DGCNN,
     "pointmlp_elite": PointMLPElite,
     "knn": NearestNeighbours,
+    "forest": Forest,
 }
 
 
@@ -79,7 +89,7 @@ def fast_embed(model: nn.Module) -> Callable[[torch.Tensor], tuple[torch.Tensor,
     if isinstance(model, PEC2):
         return fold(_Embedding(model))
     model = model.eval()
-    if isinstance(model, NearestNeighbours):
+    if isinstance(model, Memorising):
         return torch.no_grad()(model.embed)
     dense = [module for module in model.modules() if isinstance(module, nn.Linear)]
 

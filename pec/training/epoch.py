@@ -15,7 +15,7 @@ from pec.data.augment import augment
 from pec.data.tensor_dataset import PreparedClouds
 from pec.errors import TrainingError
 from pec.metrics import score
-from pec.networks.baselines import NearestNeighbours, PointNet
+from pec.networks.baselines import Memorising, PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.training.config import ProtocolConfig, TrainConfig
 from pec.training.running_statistics import without_their_start
@@ -130,8 +130,8 @@ class Epochs:
         return preprocess.arrange(points, valid, view)
 
 
-def memorise(model: NearestNeighbours, config: TrainConfig, training: PreparedClouds) -> EpochResult:
-    """The epoch of k-nearest-neighbour: the clouds as they are; loss and accuracy by leave-one-out."""
+def memorise(model: Memorising, config: TrainConfig, training: PreparedClouds) -> EpochResult:
+    """The one epoch of what has no gradient: the clouds as they are; loss and accuracy of each by the others."""
     inputs = config.preprocess.arrange(training.candidates, training.valid)
     scores = score(model.fit(inputs, training.labels), training.labels)
     return EpochResult(scores.loss, scores.accuracy, 0.0)

@@ -19,7 +19,7 @@ from pec.common.atomic_files import write_json
 from pec.common.threads import torch_threads
 from pec.errors import ConfigError
 from pec.metrics import arrange_views, log_probabilities, score
-from pec.networks.baselines import NearestNeighbours
+from pec.networks.baselines import Memorising
 from pec.training.config import TrainConfig, read_config
 from pec.training.doubts import doubts, threshold_doubts
 from pec.training.epoch import EpochResult, Epochs, memorise
@@ -93,7 +93,7 @@ def _precision(state: RunState, epochs: Epochs | None, data: RunData) -> Precisi
 
 def _train_epoch(config: TrainConfig, state: RunState, epochs: Epochs | None, data: RunData, epoch: int) -> EpochResult:
     if epochs is None:
-        assert isinstance(state.model, NearestNeighbours)
+        assert isinstance(state.model, Memorising)
         return memorise(state.model, config, data.training)
     assert state.optimizer is not None
     assert state.precision is not None

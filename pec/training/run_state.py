@@ -11,7 +11,7 @@ from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_trai
 from pec.data.dataset import UNKNOWN
 from pec.errors import ConfigError
 from pec.metrics import Scores
-from pec.networks.baselines import NearestNeighbours
+from pec.networks.baselines import Memorising
 from pec.networks.registry import build_model
 from pec.training.config import TrainConfig
 from pec.training.epoch import EpochResult
@@ -43,7 +43,7 @@ class RunState:
             self.model = build_model(config.model.name, config.preprocess.n_points, len(classes))
         self.model.to(device)
         self.optimizer: torch.optim.Optimizer | None = None
-        if not isinstance(self.model, NearestNeighbours):
+        if not isinstance(self.model, Memorising):
             self.optimizer = torch.optim.AdamW(
                 self.model.parameters(),
                 lr=config.protocol.learning_rate,

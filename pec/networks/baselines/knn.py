@@ -8,11 +8,10 @@ clouds, and the number of neighbours that vote is chosen by leave-one-out among 
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 from torch import nn
 
+from pec.networks.baselines.memorising import Memorising
 from pec.networks.baselines.neighbourhoods import squared_distances
 
 __all__ = ["NearestNeighbours", "describe"]
@@ -41,8 +40,10 @@ def _quantiles(values: torch.Tensor) -> torch.Tensor:
     return values.sort(dim=1).values[:, place.to(values.device)]
 
 
-class NearestNeighbours(nn.Module):
+class NearestNeighbours(Memorising):
     """Votes of the nearest training clouds. Called like a network, and kept in a checkpoint like one."""
+
+    _sized = ("mean", "spread", "known", "labels")
 
     def __init__(self, n_points: int = 64, n_classes: int = 5) -> None:
         super().__init__()
@@ -66,10 +67,6 @@ class NearestNeighbours(nn.Module):
         self.voters = torch.tensor(best, device=points.device)
         return shares[best].log()
 
-    def forward(self, points: torch.Tensor) -> torch.Tensor:
-        """(B, N, 3) points in any order → (B, n_classes) logarithms of the shares of the votes."""
-        return self.embed(points)[0]
-
     def embed(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, N, 3) points → `forward`'s logarithms, and the standardised descriptors (B, 37)."""
         descriptors = (describe(points) - self.mean) / self.spread
@@ -86,10 +83,3 @@ class NearestNeighbours(nn.Module):
         votes[:, 0] *= 1.5
         counts = votes.sum(dim=1) + 1
         return counts / counts.sum(dim=1, keepdim=True)
-
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
-        # How much is kept depends on the training clouds: the buffers take the sizes of what is loaded.
-        for name in ("mean", "spread", "known", "labels"):
-            if prefix + name in state_dict:
-                setattr(self, name, torch.empty_like(state_dict[prefix + name]))
-        super()._load_from_state_dict(state_dict, prefix, *rest)

@@ -14,14 +14,15 @@ from safetensors.torch import load_file
 
 from pec import Classifier
 from pec.data.loading import load_dataset
-from pec.networks.baselines import NearestNeighbours, PointNet
+from pec.networks.baselines import Forest, Memorising, NearestNeighbours, PointNet
+from pec.networks.baselines.forest import invariants
 from pec.networks.baselines.knn import describe
 from pec.networks.baselines.neighbourhoods import farthest_points, nearest, squared_distances, take
 from pec.networks.registry import MODELS, build_model, fast_forward
 from pec.training.loop import train
 
 RIVALS = [name for name in MODELS if not name.startswith("pec")]
-NETWORKS = [name for name in RIVALS if name != "knn"]
+NETWORKS = [name for name in RIVALS if name not in ("knn", "forest")]
 
 
 def _clouds(batch: int, n: int = 64, seed: int = 0) -> torch.Tensor:
@@ -34,7 +35,7 @@ def _model(name: str, n_points: int = 64, n_classes: int = 5) -> torch.nn.Module
     torch.manual_seed(0)
     model = build_model(name, n_points, n_classes)
     clouds, labels = _clouds(40, n_points, 1), torch.arange(40) % n_classes
-    if isinstance(model, NearestNeighbours):
+    if isinstance(model, Memorising):
         model.fit(clouds, labels)
     else:
         for layer in model.modules():
@@ -153,6 +154,33 @@ def test_nearest_neighbours_know_what_they_were_shown():
     assert model(clouds[:1]).exp().max() < 1  # no number of votes is certainty
 
 
+def test_the_forests_numbers_do_not_turn_with_a_cloud_and_hardly_change_with_a_few_points_more():
+    points = _clouds(4, 128)
+    rotation = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(0))).Q
+    assert invariants(points).shape == (4, 64)
+    assert torch.allclose(invariants(points @ rotation.T + 0.3), invariants(points), atol=1e-4)
+    assert torch.allclose(invariants(points[:, torch.randperm(128)]), invariants(points), atol=1e-5)
+    plate = torch.rand(1, 128, 3) * torch.tensor([0.1, 0.06, 0.0])
+    flat = invariants(plate)[0, 34:39]  # quantiles of how far the nearest points lie from their plane, m
+    assert float(flat.max()) < 1e-4
+
+
+def test_a_forest_knows_what_it_was_shown_and_tells_how_well_by_the_trees_that_were_not():
+    model, clouds = Forest(64, 3), _clouds(60)
+    sizes = torch.arange(60) % 3
+    clouds = clouds * (1 + sizes)[:, None, None]
+    left_out = model.fit(clouds, sizes)
+    assert (left_out.argmax(dim=1) == sizes).float().mean() > 0.9
+    assert torch.allclose(left_out.exp().sum(dim=1), torch.ones(60))
+    assert (model(_clouds(6, seed=5) * 3).argmax(dim=1) == 2).all()
+    again = Forest(64, 3)
+    again.fit(clouds, sizes)
+    assert torch.equal(again(clouds), model(clouds))
+    kept = Forest(64, 3)
+    kept.load_state_dict(model.state_dict())
+    assert torch.equal(kept(clouds), model(clouds))
+
+
 def _settings(shapes, output, name, **changes):
     protocol = {"epochs": 5, "batch_size": 16, "made_strangers": 0.0} | changes.pop("protocol", {})
     return {
@@ -166,12 +194,12 @@ def _settings(shapes, output, name, **changes):
     } | changes
 
 
-@pytest.mark.parametrize("name", ["pointnet_vanilla", "knn"])
+@pytest.mark.parametrize("name", ["pointnet_vanilla", "knn", "forest"])
 def test_rival_learns_by_the_same_protocol_and_classifies_from_its_checkpoint(name, shapes, tmp_path):
     results = train(_settings(shapes, tmp_path, name, protocol={"epochs": 12, "batch_size": 8}))
     assert results["protocol"].startswith("honest")
     assert results["config"]["model"]["name"] == name
-    assert results["last"]["epoch"] == (1 if name == "knn" else 12)
+    assert results["last"]["epoch"] == (12 if name in NETWORKS else 1)
     assert results["best"]["test_accuracy"] > 0.6
     dataset = load_dataset(shapes)
     answers = Classifier.load(results["checkpoint"]).predict([dataset.cloud(i) for i in range(0, 120, 4)])
