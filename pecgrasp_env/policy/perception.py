@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from grasping import ROBOTIQ_2F_140, Scene, Segmenter
+from grasping.segmentation.scene import Cut
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.seen_objects import SeenObject
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, T_TOOL0_GRIPPER, UP
@@ -25,7 +26,8 @@ class View:
 
     objects: not yet classified. clouds: their points (M, 3) float32 in the camera frame, which classifiers take.
     pixels: (M,) of these points in the frame, row by row.
-    plane: the table (4,) as n · p + d = 0, or None. obstacles: (K, 3) of what is no object but could be hit.
+    plane: the table (4,) as n · p + d = 0, or None. obstacles: (K, 3) of what is no object but could be hit. cuts:
+    pairs of the objects that adjoin, and how sure it is that they are two.
     """
 
     observation: RobotObservation
@@ -34,6 +36,28 @@ class View:
     pixels: list[np.ndarray]
     plane: np.ndarray | None
     obstacles: np.ndarray
+    cuts: list[Cut] = field(default_factory=list)
+
+    def with_pairs(self) -> View:
+        """The same, and behind its objects each pair of those that adjoin as one: it was perhaps cut in two."""
+        one, other = [cut.first for cut in self.cuts], [cut.second for cut in self.cuts]
+
+        def both(each: list[np.ndarray]) -> list[np.ndarray]:
+            return each + [np.concatenate([each[i], each[j]]) for i, j in zip(one, other, strict=True)]
+
+        points, unseen = both([each.points for each in self.objects]), both([each.unseen for each in self.objects])
+        joined = [
+            SeenObject(
+                points[len(self.objects) + k],
+                self.objects[cut.first].touches_border or self.objects[cut.second].touches_border,
+                [],
+                self.objects[cut.first].viewpoints,
+                unseen[len(self.objects) + k],
+                1.0 - cut.sure,
+            )
+            for k, cut in enumerate(self.cuts)
+        ]
+        return replace(self, objects=self.objects + joined, clouds=both(self.clouds), pixels=both(self.pixels), cuts=[])
 
     @cached_property
     def surface(self) -> np.ndarray:
@@ -89,7 +113,7 @@ def look(observation: RobotObservation, segmenter: Segmenter) -> View:
         normal = T[:3, :3] @ scene.plane[:3]
         plane = np.append(normal, scene.plane[3] - normal @ T[:3, 3])
     obstacles = np.concatenate([np.zeros((0, 3)), *(_moved(T, points) for points in scene.obstacles)])
-    return View(observation, objects, list(scene.objects), list(scene.indices), plane, obstacles)
+    return View(observation, objects, list(scene.objects), list(scene.indices), plane, obstacles, scene.cuts)
 
 
 def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:

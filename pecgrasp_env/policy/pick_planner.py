@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -17,12 +18,12 @@ from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look
 from pecgrasp_env.policy.planned_pick import PlannedPick
-from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, cut_where_trusted, merge
+from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, merge, most_trusted
 from pecgrasp_env.robot.kinematics import UP
 
 NOT_FOUND = "not found"
 
-_LIKELY_KNOWN = 0.5  # from which an object is of a class where the classifier has no threshold of its own
+_LIKELY_KNOWN = 0.5  # below which it is rather of none of the classes, however low the classifier's own threshold is
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
@@ -62,28 +63,32 @@ class PickPlanner:
     def look(self, observation: RobotObservation, known: list[SeenObject]) -> tuple[list[SeenObject], View]:
         """The objects of one depth frame, classified and joined with those known, and what else the frame shows.
 
-        What the segmenter may have taken for one, or the classifier for none of its classes, is cut more finely, and
-        the pieces count where one of them can be trusted more than the whole: what two things in one look like, the
-        classifier does not know.
+        What the segmenter may have taken for one, or the classifier for none of its classes, is cut more finely. Pieces
+        and pairs of them count where they can be trusted more than the whole: in a heap no one cut is right for all
+        that lies there, and what two things in one or half of one look like, the classifier does not know.
         """
         _ = observation.frame  # a simulated camera renders it only now, and that is not part of segmenting
-        view = self._classified(observation, self._segmenter)
+        view = self._classified(look, observation, self._segmenter)
         seen, pixels = view.objects, view.pixels
         for whole_rather in _CUTTING if isinstance(self._segmenter, Segmenter) else ():
-            if all(each.trust >= _TRUSTED for each in seen):
+            if all(each.trust >= _TRUSTED for each in seen if each.evidence):
                 break
             cutting = copy(self._segmenter)
             cutting.whole_rather = whole_rather
-            finer = self._classified(observation, cutting)
-            seen, pixels = cut_where_trusted(seen, pixels, finer.objects, finer.pixels)
+            finer = self._classified(_with_pairs, observation, cutting)
+            seen, pixels = [*seen, *finer.objects], [*pixels, *finer.pixels]
+            kept = most_trusted(seen, pixels)
+            seen, pixels = [seen[k] for k in kept], [pixels[k] for k in kept]
         objects = merge(known, seen)
         self._log.views += 1
         self._log.objects = objects
-        return objects, view
+        return objects, _with_rest(view, pixels)
 
-    def _classified(self, observation: RobotObservation, segmenter: Segmenter) -> View:
+    def _classified(
+        self, see: Callable[[RobotObservation, Segmenter], View], observation: RobotObservation, segmenter: Segmenter
+    ) -> View:
         with self._log.timed("segment"):
-            view = look(observation, segmenter)
+            view = see(observation, segmenter)
         with self._log.timed("classify"):
             if self._classifier is None:
                 answers = [{self._target: 1.0} for _ in view.clouds]
@@ -113,7 +118,7 @@ class PickPlanner:
         if index is None:
             return None
         known = objects[index].known
-        if known < 1 and known < getattr(self._classifier, "unknown_below", _LIKELY_KNOWN):
+        if known < 1 and known < max(getattr(self._classifier, "unknown_below", 0.0), _LIKELY_KNOWN):
             return None
         return index if self._log.confidence >= self._min_confidence * known else None
 
@@ -254,3 +259,18 @@ class PickPlanner:
             width=width,
             opening=opening,
         )
+
+
+def _with_pairs(observation: RobotObservation, segmenter: Segmenter) -> View:
+    return look(observation, segmenter).with_pairs()
+
+
+def _with_rest(view: View, pixels: list[np.ndarray]) -> View:
+    """The view, with what of its objects is in none of those of these pixels as obstacles."""
+    if pixels is view.pixels:
+        return view
+    gone = np.isin(
+        np.concatenate([np.empty(0, np.int64), *view.pixels]), np.concatenate([np.empty(0, np.int64), *pixels])
+    )
+    points = np.concatenate([np.empty((0, 3)), *(each.points for each in view.objects)])
+    return replace(view, obstacles=np.concatenate([view.obstacles, points[~gone]]))

@@ -13,6 +13,7 @@ OTHER = "something else"  # what a classifier that names one class leaves to all
 UNKNOWN = "unknown"  # of none of the classifier's classes
 _SAME_OBJECT_M = 0.04  # centroids of one object in two views lie no further apart, those of two apart do
 _SAME_PLACE_M = 0.010  # noise, and what of a surface one view saw and the other did not
+_OVERLAP = 0.2  # of an object's pixels that may belong to another, as edges do
 _COMPARED = 400  # points of an object
 _PARTLY, _MOSTLY = 0.3, 0.6  # of an object
 _LEAST = 1e-3  # probability that one view leaves to either side
@@ -66,9 +67,9 @@ class SeenObject:
     @property
     def trust(self) -> float:
         """In [0, 1], how likely it is one whole object of one of the classes: both the segmenter and the classifier say
-        so, and what the classifier knows was hardly cut wrongly.
+        so, and what the classifier knows was hardly cut wrongly. 0 of what is too small for the classifier.
         """
-        return self.certainty * self.known
+        return self.certainty * self.known if self.evidence else 0.0
 
 
 def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
@@ -113,29 +114,18 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
     return result + [new for new, gone in zip(seen, joined, strict=True) if not gone]
 
 
-def cut_where_trusted(
-    objects: list[SeenObject], pixels: Sequence[np.ndarray], pieces: list[SeenObject], of_pieces: Sequence[np.ndarray]
-) -> tuple[list[SeenObject], list[np.ndarray]]:
-    """The objects of a frame, each in pieces where a finer cut of the same frame finds one in it that can be trusted
-    more; and their pixels. pixels, of_pieces: (M,) of each object and of each piece.
+def most_trusted(objects: Sequence[SeenObject], pixels: Sequence[np.ndarray]) -> list[int]:
+    """Of objects that lie over each other in one frame those that can be trusted most, the largest first.
+
+    pixels: (M,) of each object. One after the other is kept, the most trusted first, unless too much of it is taken.
     """
-    owner = np.full(1 + max((int(each.max()) for each in (*pixels, *of_pieces)), default=0), -1)
-    for k, each in enumerate(pixels):
-        owner[each] = k
-    inside: list[list[int]] = [[] for _ in objects]
-    for j, each in enumerate(of_pieces):
-        counts = np.bincount(owner[each] + 1, minlength=len(objects) + 1)[1:]
-        if len(counts) and counts.max() > _MOSTLY * len(each):
-            inside[int(counts.argmax())].append(j)
-    result, their = [], []
-    for k, seen in enumerate(objects):
-        if len(inside[k]) > 1 and max(pieces[j].trust for j in inside[k]) > seen.trust:
-            result += [pieces[j] for j in inside[k]]
-            their += [of_pieces[j] for j in inside[k]]
-        else:
-            result.append(seen)
-            their.append(pixels[k])
-    return result, their
+    free = np.ones(1 + max((int(each.max()) for each in pixels), default=0), bool)
+    kept = []
+    for k in sorted(range(len(objects)), key=lambda k: -objects[k].trust):
+        if np.count_nonzero(free[pixels[k]]) >= (1.0 - _OVERLAP) * len(pixels[k]):
+            free[pixels[k]] = False
+            kept.append(k)
+    return sorted(kept, key=lambda k: -len(pixels[k]))
 
 
 def _shared(one: SeenObject, other: SeenObject) -> tuple[float, float]:

@@ -6,14 +6,16 @@ import pytest
 import torch
 from mani_skill.utils.structs.pose import Pose
 
+from grasping.segmentation.scene import Cut
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.policy.crowd import floor_below, lying_on, uppermost_on, without_rim
 from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.perception import View
 from pecgrasp_env.policy.pick_planner import PickPlanner
 from pecgrasp_env.policy.put_down import free_places, plan_put_down
-from pecgrasp_env.policy.seen_objects import UNKNOWN, SeenObject, cut_where_trusted, merge
+from pecgrasp_env.policy.seen_objects import UNKNOWN, SeenObject, merge, most_trusted
 from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
@@ -77,8 +79,8 @@ def test_what_lies_on_another_stays_apart_over_views_though_their_middles_are_ne
 
 @pytest.mark.parametrize(("certainty", "count"), [(0.6, 2), (0.9, 1)])
 def test_of_two_views_that_cut_otherwise_the_surer_one_counts(certainty, count):
-    heap = seen(np.concatenate([LOWER, UPPER]), certainty)
-    parts = [seen(LOWER, 0.8), seen(UPPER, 0.8)]
+    heap = seen(np.concatenate([LOWER, UPPER]), certainty, mouse=1.0)
+    parts = [seen(LOWER, 0.8, mouse=1.0), seen(UPPER, 0.8, mouse=1.0)]
     assert len(merge([heap], parts)) == count
     assert len(merge(parts, [heap])) == count
 
@@ -91,19 +93,29 @@ def test_of_two_views_that_cut_otherwise_that_counts_which_the_classifier_knows(
     assert len(merge([known], parts)) == len(merge(parts, [known])) == 1
 
 
-def test_within_a_frame_a_piece_that_is_known_better_than_the_whole_has_it_cut():
+def test_within_a_frame_what_can_be_trusted_most_counts_and_what_lies_over_it_does_not():
     left, right, other = np.arange(100), np.arange(100, 180), np.arange(300, 400)
     heap, alone = seen(LOWER, 0.9, mouse=0.1, **{UNKNOWN: 0.9}), seen(UPPER, 0.9, mouse=0.9, **{UNKNOWN: 0.1})
     pieces = [seen(LOWER_LEFT, 0.6, mouse=0.9, **{UNKNOWN: 0.1}), seen(LOWER_RIGHT, 0.6, **{UNKNOWN: 0.9})]
     halves = [seen(UPPER, 0.5, mouse=0.9, **{UNKNOWN: 0.1})] * 2
-    of_pieces = [left, right, other[:50], other[50:]]
-    objects, pixels = cut_where_trusted(
-        [heap, alone], [np.concatenate([left, right]), other], [*pieces, *halves], of_pieces
-    )
-    assert objects == [*pieces, alone]
-    assert all(np.array_equal(one, two) for one, two in zip(pixels, [left, right, other], strict=True))
-    assert cut_where_trusted([], [], pieces, [left, right]) == ([], [])
-    assert cut_where_trusted([heap], [left], [], []) == ([heap], [left])
+    pixels = [np.concatenate([left, right]), other, left, right, other[:50], other[50:]]
+    assert most_trusted([heap, alone, *pieces, *halves], pixels) == [1, 2, 3]
+    speck = seen(UPPER)  # too small for the classifier
+    assert most_trusted([heap, speck], [left, left[:50]]) == [0]
+    assert most_trusted([heap, alone], [left, np.append(left[:10], other)]) == [1, 0]  # they share an edge
+    assert most_trusted([], []) == []
+
+
+def test_two_that_adjoin_are_looked_at_as_one_too():
+    both = [seen(LOWER_LEFT, 0.6), seen(LOWER_RIGHT, 0.9)]
+    clouds, pixels = [each.points for each in both], [np.arange(5), np.arange(5, 8)]
+    view = View(None, both, clouds, pixels, None, np.empty((0, 3)), [Cut(0, 1, 0.6)])
+    paired = view.with_pairs()
+    assert paired.objects[:2] == both
+    np.testing.assert_array_equal(paired.objects[2].points, np.concatenate(clouds))
+    np.testing.assert_array_equal(paired.pixels[2], np.arange(8))
+    assert paired.objects[2].certainty == pytest.approx(0.4)
+    assert len(paired.clouds) == 3
 
 
 def test_of_two_that_may_be_it_the_one_that_is_surely_whole_is_taken():
