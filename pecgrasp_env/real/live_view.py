@@ -6,6 +6,7 @@ without a display; both drew 100,000 points in a tenth of a second. It listens o
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,6 +23,7 @@ from pecgrasp_env.robot.kinematics import T_TOOL0_GRIPPER, forward_kinematics
 
 PORT = 8080
 _SEEN_RGB, _CHOSEN_RGB, _WAY_RGB = (170, 170, 170), (20, 160, 140), (214, 60, 60)
+_EYE, _MIDDLE = (1.15, -0.55, 0.75), (0.5, 0.0, 0.1)  # m, base frame: from where the browser looks first
 _MOST_POINTS = 60_000
 
 
@@ -33,8 +35,10 @@ class LiveView:
 
     def __init__(self, host: str = "127.0.0.1", port: int = PORT, of: ScriptedPolicy | None = None) -> None:
         viser = library("viser", "view")
+        logging.getLogger("websockets.server").setLevel(logging.WARNING)  # each browser that comes is no news
         self._server: Any = viser.ViserServer(host=host, port=port, verbose=False)
         self.address = f"http://{host}:{self._server.get_port()}"
+        self._server.initial_camera.position, self._server.initial_camera.look_at = _EYE, _MIDDLE
         self._of = of
         self._doing: Any = self._server.gui.add_markdown("")
         self._views, self._drawn = -1, 0
@@ -62,6 +66,11 @@ class LiveView:
             self._line(tips_along(way, observation.opening))
         if log.grasp is not None:
             self._pose("/grasp", log.grasp.pose)
+
+    @property
+    def doing(self) -> str:
+        """What it says that happens."""
+        return str(self._doing.content)
 
     def planned(self, frame: Mapping[str, Any], pick: PlannedPick) -> None:
         """A frame, as `recorded_frames` gives it, and what was made of it."""

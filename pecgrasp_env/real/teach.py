@@ -42,12 +42,13 @@ class Teachable(Protocol):
 @dataclass(frozen=True)
 class Shown:
     """cloud: (M, 3) float32, camera frame, of the one thing there; None where there is none, and why. place: (3,) m,
-    its middle in the base frame, where that is known.
+    its middle in the base frame, where that is known. lay: views of one lay show it at one place.
     """
 
     cloud: np.ndarray | None
     why: str = ""
     place: np.ndarray | None = None
+    lay: int = 0
 
 
 @dataclass(frozen=True)
@@ -139,13 +140,15 @@ def teach(classifier: Teachable, name: str, views: Iterable[Shown], least: int =
 
 
 def _elsewhere(shown: Sequence[Shown]) -> np.ndarray:
-    """(n,) bool: whose thing lies farther from where most see it; where no place is known, none."""
+    """(n,) bool: whose thing lies farther from where most views of its lay see it; where no place is known, none."""
     places = np.array([np.full(3, np.nan) if each.place is None else each.place for each in shown]).reshape(-1, 3)
     known = np.isfinite(places).all(axis=1)
-    if not known.any():
-        return np.zeros(len(shown), bool)
-    away = np.linalg.norm(places[:, :2] - np.median(places[known, :2], axis=0), axis=1)
-    return known & (away > _FARTHEST_M)
+    lays = np.array([each.lay for each in shown], int)
+    far = np.zeros(len(shown), bool)
+    for lay in np.unique(lays[known]):
+        mine = known & (lays == lay)
+        far[mine] = np.linalg.norm((places - np.median(places[mine], axis=0))[mine, :2], axis=1) > _FARTHEST_M
+    return far
 
 
 def _told(left_out: Counter[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ def _by_arm(
                 return
             count = settings["count"] // lays + (lay < settings["count"] % lays)
             for view in look_around(arm, sight, workspace, count, mount.T, agreement.agrees):
-                yield shown_in_view(view, n_points)
+                yield replace(shown_in_view(view, n_points), lay=lay)
 
 
 def _by_hand(

@@ -11,6 +11,7 @@ import pytest
 from pecgrasp.cli import main
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.scripted import ScriptedPolicy
+from pecgrasp_env.real.live_view import LiveView
 from pecgrasp_env.real.pick_page import write_pick_page
 from pecgrasp_env.real.pick_record import write_frame
 from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
@@ -80,6 +81,28 @@ def test_the_command_leaves_the_page_and_shows_it_live(folder, capsys, monkeypat
     assert "live: http://127.0.0.1:" in capsys.readouterr().out
     assert b"<html" in pages[0]
     assert (folder / "replayed.html").exists()
+
+
+def test_the_live_view_follows_a_policy():
+    pytest.importorskip("viser", reason="pip install 'pecgrasp[view]'")
+    policy = ScriptedPolicy(None)
+    policy.reset("box")
+    frame = DepthFrame(depth_of_boxes((0.5, 0.0, 0.025, 0.05)), CAMERA)
+    view = LiveView(port=8973, of=policy)
+    try:
+        q, doings = HOME, []
+        for _ in range(60):
+            seen = RobotObservation(q, 0.14, lambda: frame, camera=T_BASE_CAMERA)
+            action = policy.step(seen)
+            view.frame(seen, frame)
+            view.step(seen, action, policy.log.doing)
+            doings.append(view.doing)
+            q = action[:6].astype(float)
+        assert doings[0] == "looking, view 1"
+        assert "moving over the object" in doings
+        assert policy.way is not None
+    finally:
+        view.close()
 
 
 def test_without_viser_the_extra_is_named(folder, monkeypatch):

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,6 +96,15 @@ def test_too_few_views_say_how_many_and_why_the_others_do_not_count(checkpoint):
         TeachError, match=rf"{LEAST_VIEWS - 2} views show one thing alone, {LEAST_VIEWS} are needed \(3"
     ):
         teach(Classifier.load(checkpoint), "can", views)
+
+
+def test_what_lies_elsewhere_than_in_the_other_views_of_a_lay_does_not_count(checkpoint):
+    views = [replace(each, place=np.zeros(3)) for each in shown([CAN], 9)]
+    views += [replace(each, place=np.array([0.2, 0.0, 0.0]), lay=1) for each in shown([CAN], 5)]
+    views[2] = replace(views[2], place=np.array([0.1, 0.0, 0.0]))
+    lesson = teach(Classifier.load(checkpoint), "can", views)
+    assert len(lesson.clouds) == 13
+    assert lesson.left_out == {"another place than in the other views": 1}
 
 
 def test_a_name_that_is_there_already_is_refused_before_anything_is_looked_at(checkpoint):
