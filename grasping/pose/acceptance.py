@@ -21,10 +21,9 @@ LEAST_INLIERS = 0.9  # of a part on one model, where it is one thing: what is on
 SMOOTH = 0.9, 0.35  # least cosine of two normals, and greatest slope, with which a surface goes on from point to point
 # Where other things are in the part, too: least share of the surface in sight that was measured, and how far the rest
 # may go on where the model ends, in roots of the points explained, which an outline has some 3.5 of. A model that is
-# there from end to end may touch a thing; where it is not, the piece may be another thing's. The third number: of all
-# that faces the camera, hidden or not, the least share that was measured.
-WHOLE, ENDS = (0.95, 0.8, 0.75), (0.8, 0.2, LEAST_SHOWN)
-MOST_RESIDUAL_BESIDE = 0.45  # tolerances
+# there from end to end may touch a thing; where it is not, the piece may be another thing's. Then, of all that faces
+# the camera, hidden or not, the least share that was measured, and how far off the points may lie, in tolerances.
+WHOLE, ENDS = (0.95, 0.8, 0.75, 0.45), (0.8, 0.2, LEAST_SHOWN, 1.0)
 RIVAL = 0.9  # of the best's score: where a model of another class and shape fits as well, the piece tells neither
 OTHER = 0.1  # of the diameter: how far a point of one pose must be from the other for the two to differ
 
@@ -55,12 +54,11 @@ def _beside_others(judged: Judged, sought: Sought) -> str:
     explained = f"{name} fits best, but explains {judged.inliers[0]:.0%} of the points, not {LEAST_INLIERS:.0%}, and"
     if seen < ENDS[0]:
         return f"{explained} {seen:.0%} of its side was measured, at least {ENDS[0]:.0%} must be"
-    if judged.residual[0] > MOST_RESIDUAL_BESIDE * sought.tolerance:
-        return f"{explained} these lie {1e3 * judged.residual[0]:.1f} mm off it"
     local = (sought.points - judged.T[0, :3, 3]) @ judged.T[0, :3, :3]
     on = model.grid.within(local, model.spacing + 2.0 * sought.tolerance)
     runs = goes_on(sought.points, sought.normals, on) / max(np.sqrt(on.sum()), 1.0)
-    if not any(seen >= least and runs <= most and shown >= of_all for least, most, of_all in (WHOLE, ENDS)):
+    off = judged.residual[0] / sought.tolerance
+    if not any(seen >= a and runs <= b and shown >= c and off <= d for a, b, c, d in (WHOLE, ENDS)):
         return f"{explained} the surface goes on where the model ends"
     return ""
 
