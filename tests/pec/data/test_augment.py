@@ -25,7 +25,7 @@ def test_nothing_set_changes_nothing():
     assert valid.equal(new_valid)
 
 
-@pytest.mark.parametrize("name", ["remove", "crop"])
+@pytest.mark.parametrize("name", ["remove", "crop", "holes", "facing"])
 def test_removal_stays_below_its_share_and_uses_its_range(name):
     points, valid, new_points, new_valid = _augment(**{name: 0.4})
     assert points.equal(new_points)
@@ -53,6 +53,30 @@ def test_cropped_points_lie_beyond_a_plane():
             plane += (inputs[wrong] * sign[wrong, None]).mean(dim=0)
         assert not wrong.any()
         break
+
+
+def test_what_faces_one_way_goes_together():
+    # A roof: two slopes of 45°, which meet along y.
+    generator = torch.Generator().manual_seed(0)
+    x, y = torch.rand(2, 40, 128, generator=generator) - 0.5
+    roof = torch.stack([x, y, x.abs()], dim=2)
+    valid = torch.ones(40, 128, dtype=torch.bool)
+    _, kept = augment(roof, valid, Augment(facing=0.6), generator)
+    lost = ~kept & (x.abs() > 0.1)  # about the ridge the surface faces neither way
+    sides = torch.stack([(lost & (x < 0)).sum(dim=1), (lost & (x > 0)).sum(dim=1)], dim=1)
+    few = (lost.sum(dim=1) > 5) & (lost.sum(dim=1) < 40)  # of more, one slope is not enough
+    assert few.sum() > 5
+    assert (sides[few].amin(dim=1) <= 0.15 * sides[few].sum(dim=1)).float().mean() > 0.8
+
+
+def test_a_surface_seen_edge_on_or_a_single_point_faces_some_way_too():
+    points = torch.zeros(3, 100, 3)
+    points[0, :, 1:] = torch.randn(100, 2, generator=torch.Generator().manual_seed(0))  # x is the same
+    valid = torch.ones(3, 100, dtype=torch.bool)
+    valid[1, 1:] = False
+    changed, kept = augment(points, valid, Augment(facing=0.6, holes=0.6), torch.Generator().manual_seed(1))
+    assert changed.isfinite().all()
+    assert kept.any(dim=1).all()
 
 
 def test_yaw_turns_about_z_only():
