@@ -3,6 +3,7 @@
 config.json               network, classes, preprocessing, temperature, threshold of the unknown, versions, epoch
 model.safetensors         weights and batch-norm statistics
 knowing.safetensors       what tells the known from strangers (`pec.known.knowing.Knowing`); older checkpoints have none
+forms.safetensors         the witness of forms (`pec.known.form_witness.FormWitness`), where there is one
 enrolled.safetensors      clouds of classes that were shown later, as descriptors, where there are such
 training_state/           only where training goes on from here
     optimizer.safetensors     Adam's moments, one tensor a parameter
@@ -29,6 +30,7 @@ from pec.common.atomic_files import current_directory, replacing_directory
 from pec.common.checkpoint_files import package_versions, read_json, read_tensors
 from pec.errors import CheckpointError, ConfigError
 from pec.known.enrolled import Enrolled
+from pec.known.form_witness import FormWitness
 from pec.known.knowing import Knowing
 from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
@@ -57,6 +59,9 @@ class Checkpoint:
 
     knowing: Knowing | None = None
     """What `Prediction.known` is made of; None: of the confidence."""
+
+    forms: FormWitness | None = None
+    """What reads the forms of the surface, beside the network; None: the network is alone."""
 
     enrolled: Enrolled = field(default_factory=Enrolled)
     """Classes that were shown to it and not trained."""
@@ -97,6 +102,8 @@ def write_checkpoint(
         save_file(tensors, new / "model.safetensors")
         if checkpoint.knowing is not None:
             save_arrays(checkpoint.knowing.tensors(), new / "knowing.safetensors")
+        if checkpoint.forms is not None:
+            save_arrays(checkpoint.forms.tensors(), new / "forms.safetensors")
         if checkpoint.enrolled.names:
             shown = {str(place): each for place, each in enumerate(checkpoint.enrolled.descriptors)}
             save_arrays(shown, new / "enrolled.safetensors")
@@ -133,6 +140,7 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
         raise CheckpointError(f"{directory}/config.json: {error}") from error
     tensors = read_tensors(directory / "model.safetensors")
     knowing = _read_knowing(directory / "knowing.safetensors")
+    forms = _read_forms(directory / "forms.safetensors")
     enrolled = _read_enrolled(directory / "enrolled.safetensors", names)
     try:
         model.load_state_dict(tensors)
@@ -141,7 +149,17 @@ def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:
             f"{directory}: the weights do not fit {len(classes)} classes and {preprocess.n_points} points: {error}"
         ) from error
     return Checkpoint(
-        model.eval(), classes, preprocess, temperature, epoch, network, unknown_below, none_of_these, knowing, enrolled
+        model.eval(),
+        classes,
+        preprocess,
+        temperature,
+        epoch,
+        network,
+        unknown_below,
+        none_of_these,
+        knowing,
+        forms,
+        enrolled,
     )
 
 
@@ -161,6 +179,15 @@ def _read_knowing(path: Path) -> Knowing | None:
         return None
     try:
         return Knowing.from_tensors(load_arrays(path))
+    except (SafetensorError, KeyError) as error:
+        raise CheckpointError(f"{path} is broken: {error!r}") from error
+
+
+def _read_forms(path: Path) -> FormWitness | None:
+    if not path.is_file():
+        return None
+    try:
+        return FormWitness.from_tensors(load_arrays(path))
     except (SafetensorError, KeyError) as error:
         raise CheckpointError(f"{path} is broken: {error!r}") from error
 

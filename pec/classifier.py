@@ -15,6 +15,7 @@ from pec.common.threads import torch_threads
 from pec.data.dataset import UNKNOWN
 from pec.errors import CheckpointError, CloudError, ConfigError
 from pec.known.evidence import answers_of, described, tempered
+from pec.known.form_witness import form_numbers
 from pec.networks.registry import fast_embed
 
 __all__ = ["UNKNOWN", "Classifier", "Prediction"]
@@ -150,11 +151,14 @@ class Classifier:
         knowing, n_trained = checkpoint.knowing, len(checkpoint.classes)
         # Before the weights push all else out of the caches.
         descriptors = described(samples if knowing else [])
+        by_form = None
+        if checkpoint.forms is not None:
+            by_form = checkpoint.forms.log_probabilities(form_numbers(samples, descriptors if knowing else None))
         with torch_threads(1), torch.no_grad():
             # All at once: of a few clouds, the time goes into reading the weights, not into their products.
             views = torch.from_numpy(checkpoint.preprocess.views(samples))
             logits, features = self._embed(views.flatten(0, 1))
-        answers = answers_of(logits, features, descriptors, n_trained, views.shape[1])
+        answers = answers_of(logits, features, descriptors, n_trained, views.shape[1], by_form)
         rows = tempered(answers.log_probabilities[:, :n_trained], checkpoint.temperature)
         known = rows.max(axis=1) if knowing is None else knowing.known(answers)
         if knowing is not None and checkpoint.enrolled.names:

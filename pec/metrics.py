@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from pec.known.form_witness import FormWitness, form_numbers
 from pec.networks.registry import fast_forward
 from pec.preprocessing.preprocess import Preprocess
 
@@ -50,12 +51,22 @@ class Scores:
 
 
 def predict_log_probabilities(
-    model: nn.Module, preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor
+    model: nn.Module,
+    preprocess: Preprocess,
+    candidates: torch.Tensor,
+    valid: torch.Tensor,
+    forms: FormWitness | None = None,
 ) -> torch.Tensor:
-    """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses."""
+    """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses, times
+    those of the witness of forms where there is one."""
     forward = fast_forward(model)
     blocks = zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True)
-    return torch.cat([_of_block(forward, _views(preprocess, *block)) for block in blocks])
+    said = torch.cat([_of_block(forward, _views(preprocess, *block)) for block in blocks])
+    if forms is None:
+        return said
+    pairs = zip(candidates.cpu().numpy(), valid.cpu().numpy(), strict=True)
+    beside = forms.log_probabilities(form_numbers([points[there] for points, there in pairs]))
+    return (said + torch.from_numpy(beside).to(said)).log_softmax(dim=1)
 
 
 def arrange_views(preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:

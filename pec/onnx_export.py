@@ -9,6 +9,9 @@ classes        names, in the order of the logits
 temperature    with the poses v of one cloud: p = softmax(log(mean over v of softmax(logits_v)) / temperature)
 none_of_these  whether the last logit is that of "none of these"; it is left out of log(mean …) before it is tempered
 unknown_below  of `Prediction.known`, which `pec.Classifier` makes of more than the logits: not in this file
+
+Nor is the witness of forms (`pec.known.form_witness`) in it, by which `pec.Classifier` multiplies: with
+protocol.surface_forms=false a classifier is trained that is all in the file.
 """
 
 from __future__ import annotations

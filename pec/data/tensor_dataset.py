@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -41,6 +42,11 @@ class PreparedClouds:
 
     def to(self, device: torch.device) -> PreparedClouds:
         return PreparedClouds(*(part.to(device) for part in self._parts))
+
+    @classmethod
+    def joined(cls, parts: Sequence[PreparedClouds]) -> PreparedClouds:
+        """One after the other; all with equally many candidates."""
+        return cls(*(torch.cat(of_all) for of_all in zip(*(part._parts for part in parts), strict=True)))
 
     @property
     def _parts(self) -> tuple[torch.Tensor, ...]:

@@ -127,7 +127,8 @@ def _answers(run: FinishedRun, seed: int) -> torch.Tensor:
     """(n, C) calibrated log-probabilities."""
     checkpoint = run.checkpoint
     clouds = prepare(run.test, checkpoint.preprocess, removed=run.config.dataset.removed, seed=seed)
-    answers = predict_log_probabilities(checkpoint.model, checkpoint.preprocess, clouds.candidates, clouds.valid)
+    parts = checkpoint.model, checkpoint.preprocess, clouds.candidates, clouds.valid, checkpoint.forms
+    answers = predict_log_probabilities(*parts)
     return (among_known(answers, len(checkpoint.classes)) / checkpoint.temperature).log_softmax(dim=1)
 
 

@@ -47,7 +47,7 @@ def measure_robustness(
                     sampled[member.sampling] = _sampled(member, kind, level, seed)
                 checkpoint = member.checkpoint
                 log_probabilities = predict_log_probabilities(
-                    checkpoint.model, checkpoint.preprocess, *sampled[member.sampling]
+                    checkpoint.model, checkpoint.preprocess, *sampled[member.sampling], checkpoint.forms
                 )
                 labels = torch.from_numpy(member.test.labels)
                 accuracy = score(log_probabilities, labels, n_classes=len(checkpoint.classes)).accuracy

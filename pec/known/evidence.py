@@ -34,17 +34,24 @@ _UNLIKELY = 40.0  # of a logarithm of two probabilities: beyond, float32 says no
 @dataclass(frozen=True)
 class Answers:
     """What is seen of B clouds. logits (B, V, O) of V views, the first `n_classes` of the O those of the known classes;
-    features (B, F), mean over the views; descriptors (B, 37) of `shape_distribution.describe_cloud`; float64."""
+    features (B, F), mean over the views; descriptors (B, 37) of `shape_distribution.describe_cloud`; float64. by_form
+    (B, O): log probabilities by the witness of forms, where there is one."""
 
     logits: np.ndarray
     features: np.ndarray
     descriptors: np.ndarray
     n_classes: int
+    by_form: np.ndarray | None = None
 
     @cached_property
     def log_probabilities(self) -> np.ndarray:
-        """(B, O): of the mean probability over the views, as `pec.metrics.average_views`."""
-        return np.log(np.maximum((self._shares / self._sums).sum(axis=1) / self.logits.shape[1], _NOTHING))
+        """(B, O): of the mean probability over the views, as `pec.metrics.average_views`, times the other witness's."""
+        said = np.log(np.maximum((self._shares / self._sums).sum(axis=1) / self.logits.shape[1], _NOTHING))
+        if self.by_form is None:
+            return said
+        said = said + self.by_form
+        most = said.max(axis=1, keepdims=True)
+        return said - most - np.log(np.exp(said - most).sum(axis=1, keepdims=True))
 
     @cached_property
     def energies(self) -> np.ndarray:
@@ -65,17 +72,23 @@ class Answers:
         return self._shares.sum(axis=2, keepdims=True)
 
     def __getitem__(self, index: np.ndarray | slice) -> Answers:
-        return Answers(self.logits[index], self.features[index], self.descriptors[index], self.n_classes)
+        by_form = None if self.by_form is None else self.by_form[index]
+        return Answers(self.logits[index], self.features[index], self.descriptors[index], self.n_classes, by_form)
 
 
 def answers_of(
-    logits: torch.Tensor, features: torch.Tensor, descriptors: np.ndarray, n_classes: int, n_views: int
+    logits: torch.Tensor,
+    features: torch.Tensor,
+    descriptors: np.ndarray,
+    n_classes: int,
+    n_views: int,
+    by_form: np.ndarray | None = None,
 ) -> Answers:
-    """Of a network's outputs (B · V, O) and (B · V, F), on the CPU, for all views of B clouds, and the clouds'
-    descriptors (B, 37)."""
+    """Of a network's outputs (B · V, O) and (B · V, F), on the CPU, for all views of B clouds, the clouds' descriptors
+    (B, 37), and what the witness of forms says of them (B, O), where there is one."""
     by_view = logits.numpy().astype(np.float64).reshape(-1, n_views, logits.shape[1])
     of_views = features.numpy().reshape(-1, n_views, features.shape[1])
-    return Answers(by_view, of_views.sum(axis=1, dtype=np.float64) / n_views, descriptors, n_classes)
+    return Answers(by_view, of_views.sum(axis=1, dtype=np.float64) / n_views, descriptors, n_classes, by_form)
 
 
 def described(samples: Sequence[np.ndarray]) -> np.ndarray:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["AVAILABLE", "arranged", "described", "farthest_points", "group_order"]
+__all__ = ["AVAILABLE", "arranged", "described", "farthest_points", "group_order", "surface_forms"]
 
-INTERFACE = 2  # as in _kernels.c
+INTERFACE = 3  # as in _kernels.c
 
 
 def _load() -> Any:
@@ -38,6 +38,13 @@ def described(points: np.ndarray) -> np.ndarray:
     """`pec.known.shape_distribution.describe_cloud` of points (n, 3) float32: (37,), but for rounding."""
     out = np.empty(37)
     _KERNELS.describe(np.ascontiguousarray(points), out)
+    return out
+
+
+def surface_forms(points: np.ndarray) -> np.ndarray:
+    """`pec.known.surface_forms.surface_forms` of points (n, 3) float32, n > 1: (78,), but for rounding."""
+    out = np.empty(78)
+    _KERNELS.forms(np.ascontiguousarray(points), out)
     return out
 
 

@@ -55,7 +55,8 @@ class ProtocolConfig:
     of unequal number, 0 not at all, 1 as if all were as many: the loss sees the logits plus that many times the log of
     the class's share (Menon et al., ICLR 2021). made_strangers: how many strangers there are to be in training,
     times the clouds of the known classes: where fewer are given, others are made of the known clouds
-    (`pec.data.made_strangers`); with any the network has one output more, "none of these"."""
+    (`pec.data.made_strangers`); with any the network has one output more, "none of these". surface_forms: whether a
+    second witness, which reads the forms of a cloud's surface, is fitted in the end (`pec.known.form_witness`)."""
 
     selection: str = "validation"
     epochs: int = 60
@@ -69,6 +70,7 @@ class ProtocolConfig:
     precision: str = "auto"
     logit_adjustment: float = 0.0
     made_strangers: float = 0.5
+    surface_forms: bool = True
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,12 @@ from pec.data.tensor_dataset import PreparedClouds
 from pec.metrics import Scores, among_known, fit_temperature, predict_log_probabilities, score
 from pec.training.config import TrainConfig
 from pec.training.costs import measure_costs
+from pec.training.form_fit import fit_witness
 from pec.training.knowing_fit import figures_on_test, with_knowing
 from pec.training.run_data import RunData
 from pec.training.tensorboard import Tracker
 
-__all__ = ["report"]
+__all__ = ["calibrated", "report"]
 
 
 def report(output: Path, config: TrainConfig, data: RunData) -> dict[str, Any]:
@@ -28,12 +29,16 @@ def report(output: Path, config: TrainConfig, data: RunData) -> dict[str, Any]:
     """
     results: dict[str, Any] = {}
     known = data.test.of_known(data.n_known)
+    witness = None
+    if config.protocol.surface_forms:
+        witness = fit_witness(data.training, len(data.classes), config.augment, config.seed)
     with Tracker(output / "tensorboard", None) as tracker:
         for name in ("best", "last"):
             state = read_training_state(output / name) if name == "last" else None
             checkpoint = read_checkpoint(output / name)
             checkpoint.model.to(known.candidates.device)
-            checkpoint = with_knowing(_calibrated(checkpoint, config, data.selection), data)
+            checkpoint = replace(checkpoint, forms=witness)
+            checkpoint = with_knowing(calibrated(checkpoint, config, data.selection), data)
             write_checkpoint(output / name, checkpoint, state)
             log_probabilities = _predict(checkpoint, data.test)
             scores = score(log_probabilities, data.test.labels, checkpoint.temperature, data.n_known)
@@ -59,7 +64,7 @@ def report(output: Path, config: TrainConfig, data: RunData) -> dict[str, Any]:
     return {**results, "costs": costs}
 
 
-def _calibrated(checkpoint: Checkpoint, config: TrainConfig, selection: PreparedClouds) -> Checkpoint:
+def calibrated(checkpoint: Checkpoint, config: TrainConfig, selection: PreparedClouds) -> Checkpoint:
     """With the temperature fitted on the selection split as it may be met: augmented like the training split.
 
     On undamaged clouds of known instances nearly every answer is right, and no confidence would be too high.
@@ -77,4 +82,5 @@ def _scores(checkpoint: Checkpoint, clouds: PreparedClouds) -> Scores:
 
 
 def _predict(checkpoint: Checkpoint, clouds: PreparedClouds) -> torch.Tensor:
-    return predict_log_probabilities(checkpoint.model, checkpoint.preprocess, clouds.candidates, clouds.valid)
+    parts = checkpoint.model, checkpoint.preprocess, clouds.candidates, clouds.valid, checkpoint.forms
+    return predict_log_probabilities(*parts)

@@ -13,6 +13,7 @@ from pec.data.tensor_dataset import PreparedClouds
 from pec.known.enrolled import fit_nearness
 from pec.known.evidence import SCORES, Answers, answers_of, described
 from pec.known.fit import find_prototypes, fit_known, known_of_unseen
+from pec.known.form_witness import form_numbers
 from pec.known.knowing import Knowing
 from pec.metrics import UNSEEN_REJECTED, area_under_roc, arrange_views, rejection_threshold
 from pec.networks.registry import fast_embed
@@ -62,14 +63,16 @@ def answers_on(checkpoint: Checkpoint, clouds: PreparedClouds) -> Answers:
             points[valid]
             for points, valid in zip(block.candidates.cpu().numpy(), block.valid.cpu().numpy(), strict=True)
         ]
-        parts.append(
-            answers_of(logits.cpu(), features.cpu(), described(samples), len(checkpoint.classes), views.shape[1])
-        )
+        descriptors, n_classes, forms = described(samples), len(checkpoint.classes), checkpoint.forms
+        by_form = None if forms is None else forms.log_probabilities(form_numbers(samples, descriptors))
+        parts.append(answers_of(logits.cpu(), features.cpu(), descriptors, n_classes, views.shape[1], by_form))
+    by_forms = [part.by_form for part in parts if part.by_form is not None]
     return Answers(
         np.concatenate([part.logits for part in parts]),
         np.concatenate([part.features for part in parts]),
         np.concatenate([part.descriptors for part in parts]),
         len(checkpoint.classes),
+        np.concatenate(by_forms) if by_forms else None,
     )
 
 

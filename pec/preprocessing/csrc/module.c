@@ -3,7 +3,7 @@
 #include "preprocessing.h"
 
 /* Raised whenever a function here takes or returns something else; compiled.py names the one that it knows. */
-#define INTERFACE 2
+#define INTERFACE 3
 
 /* A contiguous array of `ndim` dimensions with something in it, the last of length 3 unless there is but one; NULL with
  * an error if not. */
@@ -115,11 +115,35 @@ static PyObject *describe(PyObject *self, PyObject *arguments)
     return answer;
 }
 
+static PyObject *forms(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *points, *formed, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OO", &points, &formed))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_buffer *cloud, *out;
+    if ((cloud = array(&arrays, points, "points", "f", 2, 0)) && (out = array(&arrays, formed, "formed", "d", 1, 1))) {
+        if (out->shape[0] != 78 || cloud->shape[0] < 2) {
+            PyErr_SetString(PyExc_ValueError, "formed or points: 78 numbers are needed, of two points at least");
+        } else {
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = surface_forms(cloud->buf, cloud->shape[0], out->buf);
+            Py_END_ALLOW_THREADS
+            answer = code ? Py_NewRef(Py_None) : PyErr_NoMemory();
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
 static PyMethodDef methods[] = {
     {"sample", sample, METH_VARARGS, "Centred farthest points; False where the cloud is for the reference to judge."},
     {"group", group, METH_VARARGS, "See ordering.group_order: fills `order`."},
     {"arrange", arrange, METH_VARARGS, "Fixed positions take their nearest points: fills `arranged`."},
     {"describe", describe, METH_VARARGS, "See known.shape_distribution: fills `described`."},
+    {"forms", forms, METH_VARARGS, "See known.surface_forms: fills `formed`."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -58,6 +58,9 @@ void principal_axes(double a[3][3], double axes[3][3]);
 /* _description.c. points (n, 3), n at least 1; out (37). Returns 0 where memory is short. */
 int describe_points(const float *points, ptrdiff_t n, double *out);
 
+/* forms.c. points (n, 3), n at least 2; out (78). Returns 0 where memory is short. */
+int surface_forms(const float *points, ptrdiff_t n, double *out);
+
 /* candidates (count, 3), anchors (n, 3), signs (views, 3), out (views, n, 3). Returns 0 where memory is short. */
 int arrange_cloud(const float *candidates, ptrdiff_t count, const float *anchors, ptrdiff_t n, const float *signs,
                   ptrdiff_t views, int principal, int each_axis, float *out);
