@@ -53,7 +53,8 @@ def fit_witness(training: PreparedClouds, n_outputs: int, damage: Augment, seed:
     layers = {}
     for number in (1, 2, 3):
         linear = [[layer for layer in member if isinstance(layer, nn.Linear)][number - 1] for member in members]
-        layers[f"weights_{number}"] = np.stack([layer.weight.detach().numpy().T for layer in linear])
+        weights = np.stack([layer.weight.detach().numpy().T for layer in linear])
+        layers[f"weights_{number}"] = np.ascontiguousarray(weights)  # as read from a file: sums in the same order
         layers[f"bias_{number}"] = np.stack([layer.bias.detach().numpy()[None] for layer in linear])
     return FormWitness(mean.astype(np.float32), unit.astype(np.float32), **layers)
 

@@ -64,7 +64,7 @@ def fit(
     config = replace(config, seed=seed, protocol=replace(config.protocol, epochs=epochs))
     config = replace(config, protocol=replace(config.protocol, learning_rate=_RATE * config.protocol.learning_rate))
     with torch_threads(config.threads):
-        old = load_run_data(finished.config, torch.device("cpu"))
+        old = load_run_data(replace(finished.config, progress=progress), torch.device("cpu"))
         joined = _with_classes(old, clouds, checkpoint.preprocess, seed)
         model = with_outputs(checkpoint, len(joined.classes))
         learning = Epochs(config, joined.training, len(joined.classes))
