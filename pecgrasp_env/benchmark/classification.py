@@ -55,7 +55,7 @@ def _classifiers(seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
 
     from pec import Classifier
     from pec.checkpoint import Checkpoint
-    from pec.networks.baselines import NearestNeighbours
+    from pec.networks.baselines import Memorising
     from pec.networks.registry import MODELS, build_model
     from pec.preprocessing.preprocess import Preprocess
     from pec.training.config import DatasetConfig, TrainConfig
@@ -65,7 +65,7 @@ def _classifiers(seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
 
     def classifier(network: str, preprocess: Preprocess) -> Classifier:
         model = build_model(network, _POINTS, len(classes)).eval()
-        if isinstance(model, NearestNeighbours):
+        if isinstance(model, Memorising):
             model.fit(torch.randn(_KNOWN, _POINTS, 3), torch.arange(_KNOWN) % len(classes))
         return Classifier(Checkpoint(model, classes, preprocess, 1.0, 0, network))
 

@@ -13,7 +13,11 @@ from pec.training.loop import train
 @pytest.fixture(scope="module")
 def run(shapes, tmp_path_factory):
     output = tmp_path_factory.mktemp("tracked")
-    protocol = {"epochs": 2, "batch_size": 32}
+    protocol = {
+        "epochs": 2,
+        "batch_size": 32,
+        "surface_forms": False,
+    }  # with the witness of forms nothing would be wrong
     results = train(
         {
             "dataset": {"path": str(shapes)},
