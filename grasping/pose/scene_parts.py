@@ -19,6 +19,7 @@ IntArray = NDArray[np.int64]
 FEWEST = 60  # points of a part: on fewer, hardly more than a plane can be told
 OFF_TABLE = 0.006  # m: what is lower is the table's noise
 GAP = 0.012  # m: parts of a frame are farther apart
+FINELY = -3.0  # log odds: a thing that is cut in two is found by either piece, two that are joined by none
 WIDEST = 1.0  # m: a wider part is a wall, or the robot, not a heap of things
 
 
@@ -81,7 +82,7 @@ def _of_scene(scene: Scene, eye: FloatArray, plane: FloatArray | None) -> Parts:
 
 
 def _of_frame(frame: NDArray, eye: FloatArray, plane: FloatArray | None) -> Parts:
-    scene = Segmenter().segment(frame, viewpoint=None if not eye.any() else eye)
+    scene = Segmenter(whole_rather=FINELY).segment(frame, viewpoint=None if not eye.any() else eye)
     if plane is None:
         plane = scene.plane
     flat = frame.reshape(-1, 3).astype(np.float64)

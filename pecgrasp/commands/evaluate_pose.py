@@ -19,6 +19,7 @@ from pecgrasp_env.experiments.known_poses.run import Rows, run_clouds, run_frame
 from pecgrasp_env.experiments.known_poses.tables import cloud_results, frame_results, table
 from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
 from pecgrasp_env.objects import ObjectError
+from pecgrasp_env.scene.placement import PlacementError
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate_pose")
@@ -50,7 +51,7 @@ def main(cfg: DictConfig) -> None:
             models, frames_here = task_frames(clutter, cfg.scene)
             with progress_bar("scene", shown=cfg.progress, title=clutter) as progress:
                 run_frames("SelectiveGrasp-v1", models, frames_here, rows, progress, total=cfg.scene.scenes)
-    except (DatasetError, ModelError, ObjectError, OSError) as error:
+    except (DatasetError, ModelError, ObjectError, PlacementError, OSError) as error:
         sys.exit(f"pecgrasp evaluate-pose: {error}")
     chapter5: dict[str, Any] = {}
     if cfg.chapter5 is not None:

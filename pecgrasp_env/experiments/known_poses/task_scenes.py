@@ -15,11 +15,13 @@ from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.policy.observation import read_observation
 from pecgrasp_env.policy.perception import gripper_mask
 from pecgrasp_env.policy.viewpoints import look_postures
+from pecgrasp_env.scene.placement import PlacementError
 from pecgrasp_env.scene.visibility import placed_mesh, visible_shares
 from pecgrasp_env.sensor.intrinsics import deproject
 
 __all__ = ["task_frames"]
 
+_SEEDS_EACH = 3  # for a scene, at most
 _OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -28,7 +30,8 @@ def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectM
 
     settings: models, FOLDER/<class>/<instance> of the known; strangers, a folder of meshes, None: composed; n_objects,
     n_strangers, scenes, first_seed, sensor, resolution as the environment takes them. Where there are more objects than
-    classes some are there twice. Raises ObjectError for folders that hold no such meshes.
+    classes some are there twice. Raises ObjectError for folders that hold no such meshes, PlacementError where hardly any
+    draw of so many objects fits on the table.
     """
     folder = MeshFolder(settings["models"], allow_open=True)
     models = {}
@@ -50,9 +53,18 @@ def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectM
             **{name: settings[name] for name in ("n_objects", "n_strangers", "strangers", "sensor", "resolution")},
         )
         try:
-            for seed in range(settings["first_seed"], settings["first_seed"] + settings["scenes"]):
-                env.reset(seed=seed)
-                yield _frame(env.unwrapped, f"{clutter}/{seed}", clutter, models)
+            count, seed = 0, settings["first_seed"]
+            while count < settings["scenes"]:
+                try:
+                    env.reset(seed=seed)
+                except PlacementError:
+                    # Such objects as were drawn do not fit on the table together; the next seed draws others.
+                    if seed - settings["first_seed"] >= _SEEDS_EACH * settings["scenes"]:
+                        raise
+                else:
+                    count += 1
+                    yield _frame(env.unwrapped, f"{clutter}/{seed}", clutter, models)
+                seed += 1
         finally:
             env.close()
 
