@@ -30,8 +30,8 @@ def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectM
 
     settings: models, FOLDER/<class>/<instance> of the known; strangers, a folder of meshes, None: composed; n_objects,
     n_strangers, scenes, first_seed, sensor, resolution as the environment takes them. Where there are more objects than
-    classes some are there twice. Raises ObjectError for folders that hold no such meshes, PlacementError where hardly any
-    draw of so many objects fits on the table.
+    classes some are there twice. Raises ObjectError for folders that hold no such meshes, PlacementError where hardly
+    any draw of so many objects fits on the table.
     """
     folder = MeshFolder(settings["models"], allow_open=True)
     models = {}
