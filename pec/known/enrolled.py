@@ -29,7 +29,8 @@ class Nearness:
 
     mean, deviation (37,): descriptors are standardised by these. typical (6,): mean log distance of other clouds of
     the same thing, for 1, 2, 4 … 32 clouds. slope (< 0), offset: of the log odds that a cloud is of the thing, over
-    what its log distance is beyond the typical one.
+    what its log distance is beyond the typical one, as `known` and its threshold have it. middle: where beyond the
+    typical one a cloud is as likely of another thing.
     """
 
     mean: np.ndarray
@@ -37,15 +38,15 @@ class Nearness:
     typical: np.ndarray
     slope: float
     offset: float
+    middle: float
 
     def standard(self, descriptors: np.ndarray) -> np.ndarray:
         """Descriptors (B, 37) in the units in which distances are measured."""
         return (descriptors - self.mean) / self.deviation
 
-    def log_odds(self, distances: np.ndarray, n_clouds: int) -> np.ndarray:
-        """(B,) of distances (B,) to the nearest of `n_clouds` of a class."""
-        typical = np.interp(np.log(n_clouds), np.log(_COUNTS), self.typical)
-        return self.slope * (np.log(distances + _SMALLEST) - typical) + self.offset
+    def beyond(self, distances: np.ndarray, n_clouds: int) -> np.ndarray:
+        """(B,) how far the log distances (B,) to the nearest of `n_clouds` of a class are beyond what is typical."""
+        return np.log(distances + _SMALLEST) - np.interp(np.log(n_clouds), np.log(_COUNTS), self.typical)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """All of it, for a file."""
@@ -54,8 +55,11 @@ class Nearness:
     @classmethod
     def from_tensors(cls, tensors: Mapping[str, np.ndarray]) -> Nearness:
         """The inverse of `tensors`; raises KeyError where one is missing."""
-        mean, deviation, typical, slope, offset = (tensors[f"nearness.{each.name}"] for each in fields(cls))
-        return cls(mean, deviation, typical, float(slope[0]), float(offset[0]))
+        names = [each.name for each in fields(cls)]
+        mean, deviation, typical, slope, offset = (tensors[f"nearness.{name}"] for name in names[:5])
+        # Checkpoints of earlier versions took both odds for one.
+        middle = tensors.get("nearness.middle", -offset / slope)
+        return cls(mean, deviation, typical, float(slope[0]), float(offset[0]), float(middle[0]))
 
 
 @dataclass(frozen=True)
@@ -68,30 +72,35 @@ class Enrolled:
     def with_class(self, name: str, descriptors: np.ndarray) -> Enrolled:
         return Enrolled((*self.names, name), (*self.descriptors, descriptors))
 
-    def log_odds(self, nearness: Nearness, descriptors: np.ndarray) -> np.ndarray:
-        """(B, E): that the clouds are of each class, against their being of none."""
+    def beyond(self, nearness: Nearness, descriptors: np.ndarray) -> np.ndarray:
+        """(B, E): how far the clouds are from each class's, beyond what is typical of other clouds of one thing."""
         looked_at = nearness.standard(descriptors)
-        odds = np.empty((len(descriptors), len(self.names)))
+        beyond = np.empty((len(descriptors), len(self.names)))
         for column, shown in enumerate(self.descriptors):
             away = np.linalg.norm(looked_at[:, None] - nearness.standard(shown), axis=2).min(axis=1)
-            odds[:, column] = nearness.log_odds(away, len(shown))
-        return odds
+            beyond[:, column] = nearness.beyond(away, len(shown))
+        return beyond
 
     def answer(
         self, nearness: Nearness, descriptors: np.ndarray, probabilities: np.ndarray, known: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Probabilities (B, C + E) of the trained and these classes, and `known` (B,), of those of the trained ones.
 
-        The odds that a cloud is of a trained class at all are shared among those as the network says; each of these
-        classes has its own. What is likeliest decides how well a cloud is known.
+        All classes are as likely before anything is seen: the trained ones, which share the odds that the cloud is of
+        one of them at all as the network says, weigh as many as they are. What is likeliest decides how well a cloud
+        is known, each by its own threshold's odds.
         """
         trained = np.log(np.maximum(known, 1e-12)) - np.log(np.maximum(1 - known, 1e-12))
-        odds = np.concatenate([trained[:, None], self.log_odds(nearness, descriptors)], axis=1)
+        beyond = self.beyond(nearness, descriptors)
+        odds = np.concatenate([trained[:, None], nearness.slope * (beyond - nearness.middle)], axis=1)
+        odds[:, 0] += np.log(probabilities.shape[1])
         odds = np.clip(odds, -_HOPELESS, _HOPELESS)
         shares = np.exp(odds - odds.max(axis=1, keepdims=True))
         shares /= shares.sum(axis=1, keepdims=True)
         joined = np.concatenate([shares[:, :1] * probabilities, shares[:, 1:]], axis=1)
-        return joined, 1 / (1 + np.exp(-odds.max(axis=1)))
+        passing = np.concatenate([trained[:, None], nearness.slope * beyond + nearness.offset], axis=1)
+        own = np.take_along_axis(passing, odds.argmax(axis=1)[:, None], axis=1)[:, 0]
+        return joined, 1 / (1 + np.exp(-np.clip(own, -_HOPELESS, _HOPELESS)))
 
 
 def fit_nearness(descriptors: np.ndarray, things: np.ndarray, threshold: float, seed: int = 0) -> Nearness:
@@ -116,11 +125,7 @@ def fit_nearness(descriptors: np.ndarray, things: np.ndarray, threshold: float, 
                     shown, rest = group[:n], group[n:]
                     near[n].append(_log_nearest(rest, shown))
                     far[n].append(_log_nearest(other, shown))
-    typical = np.interp(
-        np.log(_COUNTS),
-        np.log([n for n in near if near[n]]),
-        [float(np.mean(np.concatenate(values))) for values in near.values() if values],
-    )
+    typical = _typical({n: float(np.mean(np.concatenate(values))) for n, values in near.items() if values})
     beyond = [
         np.concatenate(
             [np.concatenate(values) - typical[place] for place, values in enumerate(each.values()) if values]
@@ -132,7 +137,18 @@ def fit_nearness(descriptors: np.ndarray, things: np.ndarray, threshold: float, 
     n = max(n for n in near if near[n] and n <= _ORDINARY)
     passing = np.quantile(np.concatenate(near[n]) - typical[_COUNTS.tolist().index(n)], 1 - _REJECTED)
     wanted = np.log(max(threshold, 1e-6)) - np.log(max(1 - threshold, 1e-6))
-    return Nearness(mean, deviation, typical, slope, float(wanted - slope * passing))
+    middle = 0.5 * float(beyond[0].mean() + beyond[1].mean())
+    return Nearness(mean, deviation, typical, slope, float(wanted - slope * passing), middle)
+
+
+def _typical(measured: Mapping[int, float]) -> np.ndarray:
+    """(6,) from mean log distances for some of the counts: the more clouds, the nearer is the nearest, by as much for
+    each doubling beyond those that could be measured as within them.
+    """
+    at, values = np.log(list(measured)), np.array(list(measured.values()))
+    fall = min(float(np.polyfit(at, values, 1)[0]), 0.0) if len(at) > 1 else 0.0
+    counts = np.log(_COUNTS)
+    return np.where(counts <= at[-1], np.interp(counts, at, values), values[-1] + fall * (counts - at[-1]))
 
 
 def _log_nearest(clouds: np.ndarray, shown: np.ndarray) -> np.ndarray:

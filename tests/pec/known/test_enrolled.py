@@ -7,7 +7,7 @@ from pec import Classifier
 from pec.classifier import UNKNOWN
 from pec.data.loading import load_dataset
 from pec.errors import CheckpointError, CloudError, ConfigError
-from pec.known.enrolled import Enrolled, fit_nearness
+from pec.known.enrolled import Enrolled, Nearness, fit_nearness
 from pec.training.loop import train
 
 
@@ -94,7 +94,36 @@ def test_ninety_five_in_a_hundred_other_clouds_of_a_thing_pass():
     for centre in rng.normal(size=(100, 37)):
         clouds = centre + rng.normal(scale=0.2, size=(40, 37))
         shown = Enrolled().with_class("it", clouds[:8])
-        passed.append(shown.log_odds(nearness, clouds[8:]) >= np.log(0.7 / 0.3))
-        others.append(shown.log_odds(nearness, rng.normal(size=(20, 37))) >= np.log(0.7 / 0.3))
+        passed.append(_known(shown, nearness, clouds[8:]) >= 0.7)
+        others.append(_known(shown, nearness, rng.normal(size=(20, 37))) >= 0.7)
     assert np.mean(passed) == pytest.approx(0.95, abs=0.03)
     assert np.mean(others) < 0.02
+
+
+def _known(shown, nearness, descriptors):
+    """Where nothing is of the trained class."""
+    return shown.answer(nearness, descriptors, np.ones((len(descriptors), 1)), np.zeros(len(descriptors)))[1]
+
+
+def test_more_clouds_than_could_be_measured_are_nearer_still():
+    rng = np.random.default_rng(1)
+    things = np.repeat(np.arange(80), 3)
+    descriptors = rng.normal(size=(80, 37))[things] + rng.normal(size=(240, 37)) * rng.normal(size=37)
+    typical = fit_nearness(descriptors, things, threshold=0.5).typical
+    falls = np.diff(typical)
+    assert (falls < 0).all()
+    np.testing.assert_allclose(falls[1:], falls[0])
+
+
+def test_each_class_trained_or_shown_is_as_likely_before_anything_is_seen():
+    nearness = Nearness(np.zeros(37), np.ones(37), np.zeros(6), slope=-2.0, offset=5.0, middle=0.5)
+    shown = Enrolled().with_class("it", np.zeros((1, 37)))
+    away = np.zeros((1, 37))
+    away[0, 0] = np.exp(0.5) - 1e-3  # as likely of another thing
+    trained = np.full((1, 14), 1 / 14)
+    probabilities, known = shown.answer(nearness, away, trained, np.array([0.5]))
+    np.testing.assert_allclose(probabilities, 1 / 15)
+    assert known == pytest.approx(0.5)
+    probabilities, known = shown.answer(nearness, np.zeros((1, 37)), trained, np.array([0.5]))
+    assert probabilities[0, 14] > 0.99
+    assert known > 0.99

@@ -55,7 +55,7 @@ def _fitted(rng, none=(None, None)):
         2,
     )
     model = fit_known(prototypes, both, np.arange(120) >= 60, np.arange(120))
-    knowing = Knowing(prototypes, *model, Nearness(np.zeros(37), np.ones(37), np.zeros(6), -1.0, 0.0))
+    knowing = Knowing(prototypes, *model, Nearness(np.zeros(37), np.ones(37), np.zeros(6), -1.0, 0.0, 0.0))
     return knowing, known, strangers
 
 
