@@ -35,7 +35,7 @@ from pecgrasp_env.policy.observation import read_observation
 from pecgrasp_env.policy.perception import segment_frame
 from pecgrasp_env.policy.viewpoints import look_postures
 
-__all__ = ["capture_scenes"]
+__all__ = ["capture_scenes", "look_from", "scene_env"]
 
 _MIN_POINTS = 64  # what the published network takes; the policy does not classify smaller cut-outs
 _MIN_SHARE = 0.5  # of a cut-out's points on objects, for it to be called one of them
@@ -68,16 +68,8 @@ def capture_scenes(
     missing = range(len(manifest.shards), settings["scenes"])
     if not missing:
         return directory
-    env = gym.make(
-        "SelectiveGrasp-v1",
-        obs_mode="depth+segmentation",
-        control_mode="pd_joint_pos",
-        sim_backend="physx_cpu",
-        render_backend="cpu",
-        objects=source,
-        classes=classes,
-        **{name: settings[name] for name in ("n_objects", "sensor", "resolution")},
-    )
+    chosen = {name: settings[name] for name in ("n_objects", "sensor", "resolution")}
+    env = scene_env(objects=source, classes=classes, **chosen)
     try:
         for number in missing:
             seed = settings["first_seed"] + number
@@ -94,28 +86,45 @@ def capture_scenes(
     return directory
 
 
+def scene_env(**settings: Any) -> gym.Env:
+    """SelectiveGrasp-v1 with the pictures that `look_from` takes; settings as the environment takes them."""
+    return gym.make(
+        "SelectiveGrasp-v1",
+        obs_mode="depth+segmentation",
+        control_mode="pd_joint_pos",
+        sim_backend="physx_cpu",
+        render_backend="cpu",
+        **settings,
+    )
+
+
+def look_from(task: Any, posture: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
+    """What is observed with the arm in a posture (6,) rad, and the number (H, W) of each pixel's object, or −1."""
+    q = task.agent.robot.get_qpos().clone()
+    q[0, :6] = torch.as_tensor(posture)
+    task.agent.robot.set_qpos(q)
+    observation = task.get_obs()
+    pictured = observation["sensor_data"]["wrist_camera"]["segmentation"][0, ..., 0].cpu().numpy()
+    slot_of_pixel = np.full(pictured.shape, -1)
+    for slot, actor in enumerate(task.objects):
+        slot_of_pixel[pictured == int(actor.per_scene_id[0])] = slot
+    return observation, slot_of_pixel
+
+
 def _scene(
     env: gym.Env, seed: int, classes: list[str], index: Mapping[tuple[str, str], int]
 ) -> tuple[list[CloudSample], Counter[str]]:
     task: Any = env.unwrapped
     env.reset(seed=seed)
-    owners = {int(actor.per_scene_id[0]): slot for slot, actor in enumerate(task.objects)}
     segmenter, rejected, samples = Segmenter(), Counter[str](), []
     for view, posture in enumerate(look_postures()):
-        q = task.agent.robot.get_qpos().clone()
-        q[0, :6] = torch.as_tensor(posture)
-        task.agent.robot.set_qpos(q)
-        observation = task.get_obs()
+        observation, slot_of_pixel = look_from(task, posture)
         seen = read_observation(observation)
-        pictured = observation["sensor_data"]["wrist_camera"]["segmentation"][0, ..., 0].cpu().numpy()
-        slot_of_pixel = np.full(pictured.shape, -1)
-        for number, slot in owners.items():
-            slot_of_pixel[pictured == number] = slot
         scene = segment_frame(seen, segmenter)
         T_camera_base = np.linalg.inv(seen.T_base_camera)
         for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
             slots = slot_of_pixel.reshape(-1)[indices]
-            counts = np.bincount(slots[slots >= 0], minlength=len(owners))
+            counts = np.bincount(slots[slots >= 0], minlength=len(task.objects))
             if border or len(points) < _MIN_POINTS or not counts.any():
                 rejected["out of view" if border else "too few points" if counts.any() else "nothing"] += 1
                 continue

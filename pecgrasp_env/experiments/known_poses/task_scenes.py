@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-import torch
 
 from grasping.pose.object_model import ObjectModel, object_model
 from pecgrasp_env.experiments.known_poses.cases import FrameCase
+from pecgrasp_env.experiments.scene_clouds import look_from, scene_env
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.policy.observation import read_observation
 from pecgrasp_env.policy.perception import gripper_mask
@@ -42,16 +41,8 @@ def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectM
             models[label, name] = object_model(vertices, faces, f"{label}/{name}", label, allow_open=True)
 
     def frames() -> Iterator[FrameCase]:
-        env = gym.make(
-            "SelectiveGrasp-v1",
-            obs_mode="depth+segmentation",
-            control_mode="pd_joint_pos",
-            sim_backend="physx_cpu",
-            render_backend="cpu",
-            objects=folder,
-            clutter=clutter,
-            **{name: settings[name] for name in ("n_objects", "n_strangers", "strangers", "sensor", "resolution")},
-        )
+        names = ("n_objects", "n_strangers", "strangers", "sensor", "resolution")
+        env = scene_env(objects=folder, clutter=clutter, **{name: settings[name] for name in names})
         try:
             count, seed = 0, settings["first_seed"]
             while count < settings["scenes"]:
@@ -72,15 +63,8 @@ def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectM
 
 
 def _frame(task: Any, name: str, clutter: str, models: Mapping[tuple[str, str], ObjectModel]) -> FrameCase:
-    posture = task.agent.robot.get_qpos().clone()
-    posture[0, :6] = torch.as_tensor(look_postures()[0])
-    task.agent.robot.set_qpos(posture)
-    observation = task.get_obs()
+    observation, slot_of_pixel = look_from(task, look_postures()[0])
     seen = read_observation(observation)
-    pictured = observation["sensor_data"]["wrist_camera"]["segmentation"][0, ..., 0].cpu().numpy()
-    labels = np.zeros(pictured.shape, dtype=np.int64)
-    for slot, actor in enumerate(task.objects):
-        labels[pictured == int(actor.per_scene_id[0])] = slot + 1
     cloud = deproject(*seen.frame).astype(np.float64)
     cloud[~(cloud[..., 2] > 0) | gripper_mask(cloud, seen.opening, seen.T_tool0_camera)] = np.nan
 
@@ -98,7 +82,7 @@ def _frame(task: Any, name: str, clutter: str, models: Mapping[tuple[str, str], 
         name,
         clutter,
         cloud,
-        labels,
+        slot_of_pixel + 1,
         tuple(None if model is None else model.name for model in known),
         np.stack([T_camera_world @ T for T in poses]),
         visible,
