@@ -145,6 +145,8 @@ class Leader:
         if self._receive.isProtectiveStopped():
             raise ProtectiveStop(f"{self._where}: protective stop; look what it touches, then recover()")
         if not self._control.isProgramRunning():
+            # A stop for safety ends the program, too, and may be heard of later; the dashboard knows of both.
+            self._check_mode(unlock=False)
             raise NotInRemoteControl(f"{self._where}: its program was stopped, at the pendant or for want of words")
 
     def stop(self) -> None:
