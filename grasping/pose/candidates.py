@@ -45,8 +45,8 @@ def tolerance_at(depth: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Poses T (H, 4, 4) of a model, the best first, and of each, (H,): the share of the points on it; how many these
-    are; of the model's surface in sight the share that was measured and the share that contradicts; of all that faces
+    """Poses T (H, 4, 4) of a model, the best first, and of each, (H,): the share of the points on it; of the
+    model's surface in sight the share that was measured and the share that contradicts; of all that faces
     the camera, hidden or not, the share that was measured; the share of the model below the table; the inliers'
     residual, m; and the score by which they are compared, where near inliers count more.
     """
@@ -54,7 +54,6 @@ class Judged:
     prepared: PreparedModel
     T: FloatArray
     inliers: FloatArray
-    count: FloatArray
     seen: FloatArray
     clear: FloatArray
     shown: FloatArray
@@ -68,7 +67,7 @@ class Judged:
 
     def of(self, chosen: NDArray) -> Judged:
         """Some of them."""
-        names = ("T", "inliers", "count", "seen", "clear", "shown", "sunk", "residual", "score")
+        names = ("T", "inliers", "seen", "clear", "shown", "sunk", "residual", "score")
         return Judged(self.prepared, *(getattr(self, name)[chosen] for name in names))
 
 
@@ -96,7 +95,7 @@ def judge(prepared: PreparedModel, sought: Sought, T: FloatArray) -> Judged:
     score = fit * (seen / in_sight) * (1.0 - sunk)
     order = np.argsort(-score, kind="stable")
     judged = Judged(
-        *(prepared, T, inliers, count.astype(float), seen / in_sight, clear / in_sight),
+        *(prepared, T, inliers, seen / in_sight, clear / in_sight),
         *(seen / facing, sunk, residual, score),
     )
     return judged.of(order)

@@ -88,7 +88,7 @@ def frame_cases(folder: Path, most: int) -> tuple[list[ObjectModel], Iterator[Fr
     several = [name for name in meshes.classes if len(meshes.names(name)) > 1]
     if several:
         raise DatasetError(f"{folder}: class {several[0]} has several meshes; frames tell classes, one mesh each")
-    models = {name: _model(meshes, name, 0) for name in meshes.classes}
+    models = {name: model_of(meshes, name, 0) for name in meshes.classes}
 
     def frames() -> Iterator[FrameCase]:
         count = 0
@@ -140,13 +140,13 @@ def _models(folder: Path, settings: Mapping[str, Any], instances: list[dict[str,
     def model(index: int) -> ObjectModel:
         if index not in made:
             name, label = str(instances[index]["name"]), str(instances[index]["class"])
-            made[index] = _model(meshes, label, meshes.names(label).index(name))
+            made[index] = model_of(meshes, label, meshes.names(label).index(name))
         return made[index]
 
     return model
 
 
-def _model(meshes: MeshFolder, label: str, number: int) -> ObjectModel:
+def model_of(meshes: MeshFolder, label: str, number: int) -> ObjectModel:
     """In the frame in which the objects are posed, whose origin is not the file's."""
     mesh = meshes.load(label, number).visual_mesh()
     name = f"{label}/{meshes.names(label)[number]}"

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from grasping.pose.object_model import ObjectModel, object_model
-from pecgrasp_env.experiments.known_poses.cases import FrameCase
+from grasping.pose.object_model import ObjectModel
+from pecgrasp_env.experiments.known_poses.cases import FrameCase, model_of
 from pecgrasp_env.experiments.scene_clouds import look_from, scene_env
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.policy.observation import read_observation
@@ -33,12 +33,11 @@ def task_frames(clutter: str, settings: Mapping[str, Any]) -> tuple[list[ObjectM
     any draw of so many objects fits on the table.
     """
     folder = MeshFolder(settings["models"], allow_open=True)
-    models = {}
-    for label in folder.classes:
-        for number, name in enumerate(folder.names(label)):
-            mesh = folder.load(label, number).visual_mesh()
-            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-            models[label, name] = object_model(vertices, faces, f"{label}/{name}", label, allow_open=True)
+    models = {
+        (label, name): model_of(folder, label, number)
+        for label in folder.classes
+        for number, name in enumerate(folder.names(label))
+    }
 
     def frames() -> Iterator[FrameCase]:
         names = ("n_objects", "n_strangers", "strangers", "sensor", "resolution")
@@ -69,14 +68,15 @@ def _frame(task: Any, name: str, clutter: str, models: Mapping[tuple[str, str], 
     cloud[~(cloud[..., 2] > 0) | gripper_mask(cloud, seen.opening, seen.T_tool0_camera)] = np.nan
 
     # Of the camera as it is, whose axes are OpenGL's here, not as the joint angles and the bracket say.
-    T_world_camera = observation["sensor_param"]["wrist_camera"]["cam2world_gl"][0].cpu().numpy() @ _OPENCV
-    T_camera_world = np.linalg.inv(T_world_camera.astype(np.float64))
+    cam2world_gl = observation["sensor_param"]["wrist_camera"]["cam2world_gl"][0].cpu().numpy()
+    T_world_camera = cam2world_gl.astype(np.float64) @ _OPENCV
+    T_camera_world = np.linalg.inv(T_world_camera)
     poses = [actor.pose.to_transformation_matrix()[0].cpu().numpy().astype(np.float64) for actor in task.objects]
     meshes = [
         placed_mesh(model, actor.pose.raw_pose[0].cpu().numpy())
         for model, actor in zip(task.models[0], task.objects, strict=True)
     ]
-    visible = visible_shares(meshes, np.linalg.inv(T_camera_world), seen.frame.intrinsics)
+    visible = visible_shares(meshes, T_world_camera, seen.frame.intrinsics)
     known = [models.get((model.class_name, model.instance)) for model in task.models[0]]
     return FrameCase(
         name,
