@@ -11,12 +11,16 @@ from torch import nn
 from pec.errors import ConfigError
 from pec.networks.baselines import (
     DGCNN,
+    CurveNet,
     Forest,
+    GDANet,
     Memorising,
     NearestNeighbours,
+    PointCNN,
     PointMLPElite,
     PointNet,
     PointNet2,
+    SLNetS,
     VanillaPointNet,
 )
 from pec.networks.fold_batchnorm import fold
@@ -34,6 +38,10 @@ MODELS: dict[str, Callable[[int, int], nn.Module]] = {
     "pointnet2": PointNet2,
     "dgcnn": DGCNN,
     "pointmlp_elite": PointMLPElite,
+    "pointcnn": PointCNN,
+    "curvenet": CurveNet,
+    "gdanet": GDANet,
+    "slnet_s": SLNetS,
     "knn": NearestNeighbours,
     "forest": Forest,
 }

@@ -1,4 +1,4 @@
-"""The layer that all these networks share: one dense layer for every point alike, then batch norm and an activation."""
+"""The layers that these networks share: dense, batch-normalised and activated, for every point alike; residuals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import itertools
 import torch
 from torch import nn
 
-__all__ = ["Shared", "shared_mlp"]
+__all__ = ["Residual", "Shared", "shared_mlp"]
 
 
 class Shared(nn.Module):
@@ -26,6 +26,20 @@ class Shared(nn.Module):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         rows = self.linear(x).flatten(0, -2)
         return self.activation(self.norm(rows)).view(*x.shape[:-1], -1)
+
+
+class Residual(nn.Module):
+    """(…, width) → (…, width): relu(x + f(x)), f through a quarter of the width; every row is treated alike."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.narrow = Shared(width, width // 4, bias=False)
+        self.wide = nn.Linear(width // 4, width, bias=False)
+        self.norm = nn.BatchNorm1d(width)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        rows = self.norm(self.wide(self.narrow(x)).flatten(0, -2))
+        return torch.relu(rows.view(x.shape) + x)
 
 
 def shared_mlp(*widths: int) -> nn.Sequential:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from pec.networks.baselines.layers import Shared
+from pec.networks.baselines.layers import Residual, Shared
 from pec.networks.baselines.neighbourhoods import farthest_points, nearest, take
 
 __all__ = ["PointMLPElite"]
@@ -27,20 +27,6 @@ _K = 12
 _EPSILON = 1e-5
 
 
-class _Residual(nn.Module):
-    """(…, c) → (…, c) through a quarter of the width."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.narrow = Shared(width, width // 4, bias=False)
-        self.wide = nn.Linear(width // 4, width, bias=False)
-        self.norm = nn.BatchNorm1d(width)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        rows = self.norm(self.wide(self.narrow(x)).flatten(0, -2))
-        return torch.relu(rows.view(x.shape) + x)
-
-
 class _Stage(nn.Module):
     """Points (B, N, 3) and features (B, N, c_in) → features (B, M, c_out) of M centres, which are among the points."""
 
@@ -49,8 +35,8 @@ class _Stage(nn.Module):
         self.scale = nn.Parameter(torch.ones(c_in))
         self.shift = nn.Parameter(torch.zeros(c_in))
         self.enter = Shared(2 * c_in, c_out, bias=False)
-        self.before = nn.Sequential(*(_Residual(c_out) for _ in range(n_blocks)))
-        self.after = nn.Sequential(*(_Residual(c_out) for _ in range(n_blocks)))
+        self.before = nn.Sequential(*(Residual(c_out) for _ in range(n_blocks)))
+        self.after = nn.Sequential(*(Residual(c_out) for _ in range(n_blocks)))
 
     def forward(self, points: torch.Tensor, features: torch.Tensor, n_centres: int) -> torch.Tensor:
         # The centres are the first points: see farthest_points.

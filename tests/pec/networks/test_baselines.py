@@ -1,5 +1,6 @@
 """The rivals are what their papers say, do not care for the order of the points, and train like PEC."""
 
+import itertools
 import json
 import os
 import signal
@@ -14,8 +15,10 @@ from safetensors.torch import load_file
 
 from pec import Classifier
 from pec.data.loading import load_dataset
+from pec.errors import ConfigError
 from pec.networks.baselines import Forest, Memorising, NearestNeighbours, PointNet
 from pec.networks.baselines.forest import invariants
+from pec.networks.baselines.gdanet import sharp_and_gentle
 from pec.networks.baselines.knn import describe
 from pec.networks.baselines.neighbourhoods import farthest_points, nearest, squared_distances, take
 from pec.networks.registry import MODELS, build_model, fast_forward
@@ -53,6 +56,9 @@ def _model(name: str, n_points: int = 64, n_classes: int = 5) -> torch.nn.Module
         ("pointnet2", 1.5),  # as PointNeXt counts it, table 1
         ("dgcnn", 1.8),  # as PointMLP counts it, table 1
         ("pointmlp_elite", 0.7),  # 0.68 in its paper, 0.72 by its released configuration
+        ("pointcnn", 0.6),  # its table of costs
+        ("gdanet", 0.9),
+        ("slnet_s", 0.1),
     ],
 )
 def test_parameters_at_forty_classes_are_the_published_ones(name, published_millions):
@@ -62,14 +68,22 @@ def test_parameters_at_forty_classes_are_the_published_ones(name, published_mill
 
 @pytest.mark.parametrize(
     ("name", "parameters"),
-    [("pointnet2", 1_475_688), ("dgcnn", 1_809_576), ("pointmlp_elite", 716_232)],
+    [
+        ("pointnet2", 1_475_688),
+        ("dgcnn", 1_809_576),
+        ("pointmlp_elite", 716_232),
+        ("pointcnn", 599_340),
+        ("curvenet", 2_140_672),
+        ("gdanet", 936_616),
+        ("slnet_s", 140_992 - 504),  # factors and shifts whose product it drops
+    ],
 )
 def test_parameters_at_forty_classes_are_those_of_the_released_networks(name, parameters):
     assert sum(parameter.numel() for parameter in build_model(name, 64, 40).parameters()) == parameters
 
 
 @pytest.mark.parametrize("name", RIVALS)
-@pytest.mark.parametrize(("n_points", "n_classes", "batch"), [(64, 5, 1), (64, 10, 3), (128, 2, 2)])
+@pytest.mark.parametrize(("n_points", "n_classes", "batch"), [(64, 5, 1), (64, 10, 3), (128, 2, 2), (256, 3, 2)])
 def test_shapes(name, n_points, n_classes, batch):
     model = _model(name, n_points, n_classes)
     logits = fast_forward(model)(_clouds(batch, n_points))
@@ -96,9 +110,26 @@ def test_every_parameter_and_every_point_gets_a_gradient(name):
         loss = loss + model.penalty
     loss.backward()
     without = [key for key, parameter in model.named_parameters() if not parameter.grad.any()]
-    # Zero weights behind them at the start: the transforms begin as the identity.
-    assert all("transform" in key and ".matrix" not in key for key in without), without
+    # Zero weights behind them at the start: the transforms begin as the identity, GDANet attends to nothing.
+    begins = [key for key in without if "transform" in key and ".matrix" not in key]
+    begins += [key for key in without if "attention" in key and ".norm" not in key]
+    assert without == begins
     assert points.grad.any()
+
+
+@pytest.mark.parametrize("name", ["pointcnn", "curvenet", "gdanet", "slnet_s"])
+def test_ten_clouds_are_learnt_by_heart(name):
+    torch.manual_seed(0)
+    model, clouds, labels = build_model(name, 64, 5).train(), _clouds(10), torch.arange(10) % 5
+    for layer in model.modules():
+        if isinstance(layer, torch.nn.Dropout):
+            layer.p = 0.0
+    optimizer = torch.optim.Adam(model.parameters(), lr=0.005)
+    for _ in range(15):
+        optimizer.zero_grad()
+        torch.nn.functional.cross_entropy(model(clouds), labels).backward()
+        optimizer.step()
+    assert (model(clouds).argmax(dim=1) == labels).all()
 
 
 def test_transforms_begin_as_the_identity_and_cost_nothing_there():
@@ -121,6 +152,72 @@ def test_an_edge_convolution_is_its_definition():
         edges = torch.cat([x[0, neighbours[i]] - x[0, i], x[0, i].expand(10, -1)], dim=1)
         expected = torch.nn.functional.leaky_relu(edge.norm(edges @ edge.linear.weight.T), 0.2).amax(dim=0)
         assert torch.allclose(computed[i], expected, atol=1e-4)
+
+
+def test_an_x_convolution_is_its_definition():
+    """Algorithm 1: lifted neighbours beside their features, weighted by the matrix, convolved in their order."""
+    layer = _model("pointcnn").layers[1]
+    points, features = _clouds(1), torch.randn(1, 64, 48, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        computed = layer(points, features, 5)
+        neighbours = torch.cdist(points, points).topk(24, dim=2, largest=False).indices[0, :, ::2]
+        for i in range(5):
+            local = points[0, neighbours[i]] - points[0, i]
+            x = torch.cat([layer.lift(local), features[0, neighbours[i]]], dim=1)
+            matrix = layer.matrix(local.flatten()[None])[0]
+            for again, norm in zip(layer.matrix_again, layer.norms, strict=True):
+                columns = [matrix[:, c] @ again.weight[c] for c in range(12)]
+                matrix = norm(torch.stack(columns).flatten()[None]).view(12, 12)
+            x = matrix @ x
+            sums = [x[:, c] @ layer.each.weight[c] for c in range(x.shape[1])]
+            assert torch.allclose(layer.join(torch.cat(sums)[None])[0], computed[0, i], atol=1e-4)
+
+
+def test_curves_go_from_neighbour_to_neighbour_and_do_not_turn_straight_back():
+    walk = _model("curvenet").blocks[0].walk
+    x = torch.randn(2, 40, 16, generator=torch.Generator().manual_seed(0))
+    neighbours = nearest(x, x, 11)[1][..., 1:]
+    with torch.no_grad():
+        curves = walk(x, neighbours)
+        weighted = x * torch.sigmoid(walk.importance(x))
+    assert curves.shape == (2, 4, 5, 16)
+    distances, places = (curves[:, :, :, None] - weighted[:, None, None]).norm(dim=4).min(dim=3)
+    assert distances.max() < 1e-5  # every step stands on a point
+    for cloud, curve in zip(neighbours, places, strict=True):
+        assert all(after in cloud[before] for steps in curve for before, after in itertools.pairwise(steps))
+    last, steps = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[[[2.0, 0.0], [0.0, 1.0], [-3.0, 0.0], [-1.0, 1.0]]]])
+    assert walk._forward(last, steps).flatten().tolist() == pytest.approx([1, 1, 0, 1 - 0.5**0.5], abs=1e-6)
+
+
+def test_sharp_points_are_those_unlike_their_surroundings():
+    line = torch.linspace(0, 1, 40)[:, None] * torch.tensor([0.3, 0.0, 0.0])  # within reach of each other
+    x = torch.cat([line - line.mean(dim=0), torch.tensor([[0.0, 9, 0], [0, 0, -9]])])[None]
+    sharp, gentle = sharp_and_gentle(x)
+    assert sharp.shape == gentle.shape == (1, 10, 3)
+    assert sharp[0, :2].abs().amax(dim=1).tolist() == [9, 9]
+    assert gentle.abs().max() < 0.1  # the middle of the line
+
+
+def test_the_embedding_without_weights_is_its_definition():
+    embed, points = _model("slnet_s").embed, torch.tensor([[[-5 / 7, 0.2, 1.0], [0.3, -0.1, 0.5]]])
+    spread = points[0].std(dim=0).mean()
+    places, width = (-1 + 2 * torch.arange(1, 7) / 7), 0.4 * (1 + spread)
+    share = torch.sigmoid(10 * (spread - 0.1))
+    offset = (points[0, 0, :, None] - places) / width
+    every = (share * torch.exp(-(offset**2) / 2) + (1 - share) * torch.cos(offset)).flatten()
+    kept = [i for i in range(18) if i not in (8, 16)]  # sixteen of eighteen, evenly
+    assert embed(points)[0, 0].tolist() == pytest.approx(every[kept].tolist(), abs=1e-6)
+
+
+def test_slnet_sees_shape_only():
+    model, points = _model("slnet_s"), _clouds(3)
+    with torch.no_grad():
+        assert torch.allclose(model(7 * points), model(points), atol=1e-3)
+
+
+def test_pointcnn_refuses_fewer_points_than_its_neighbourhoods_need():
+    with pytest.raises(ConfigError, match="takes 64 points or more, got preprocess"):
+        build_model("pointcnn", 32, 5)
 
 
 def test_neighbourhoods_of_known_points():
@@ -207,7 +304,9 @@ def test_rival_learns_by_the_same_protocol_and_classifies_from_its_checkpoint(na
     assert np.mean(right) > 0.6
 
 
-@pytest.mark.parametrize("name", ["pointnet", "pointnet2", "dgcnn", "pointmlp_elite"])
+@pytest.mark.parametrize(
+    "name", ["pointnet", "pointnet2", "dgcnn", "pointmlp_elite", "pointcnn", "curvenet", "gdanet", "slnet_s"]
+)
 def test_every_network_goes_through_training_and_its_checkpoint(name, shapes, tmp_path):
     settings = _settings(shapes, tmp_path, name, protocol={"epochs": 1})
     results = train(settings | {"dataset": settings["dataset"] | {"samples_per_instance": 10}})
