@@ -26,12 +26,12 @@ from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
 from pec.training.epoch import Epochs
 from pec.training.final_evaluation import calibrated
-from pec.training.finished_runs import read_finished
+from pec.training.finished_runs import FinishedRun, read_finished
 from pec.training.form_fit import fit_witness
 from pec.training.knowing_fit import with_knowing
 from pec.training.run_data import RunData, load_run_data
 
-__all__ = ["fit", "with_outputs"]
+__all__ = ["fit", "run_to_go_on", "with_outputs"]
 
 _SPARED = 5  # of the new clouds of a class every fifth is not learnt: it sets thresholds
 _FEWEST = 5
@@ -56,11 +56,9 @@ def fit(
     Raises ConfigError where a name is empty, reserved or taken, CloudError where clouds are too few or bad,
     CheckpointError where `run` holds no finished run or one that cannot go on, DatasetError where its clouds are gone.
     """
-    finished = read_finished(Path(run), data)
+    finished = run_to_go_on(run, data)
     checkpoint, config = finished.checkpoint, finished.config
     _check_names(clouds, checkpoint.classes)
-    if not any(parameter.requires_grad for parameter in checkpoint.model.parameters()):
-        raise CheckpointError(f"{run}: the network {checkpoint.network} has nothing to train; use Classifier.enrol")
     config = replace(config, seed=seed, protocol=replace(config.protocol, epochs=epochs))
     config = replace(config, protocol=replace(config.protocol, learning_rate=_RATE * config.protocol.learning_rate))
     with torch_threads(config.threads):
@@ -80,6 +78,16 @@ def fit(
         if checkpoint.forms is not None:
             more = replace(more, forms=fit_witness(joined.training, len(joined.classes), config.augment, seed))
         return Classifier(with_knowing(calibrated(more, config, joined.selection), joined), seed)
+
+
+def run_to_go_on(run: str | os.PathLike[str], data: str | None = None) -> FinishedRun:
+    """The finished run with which `fit` can go on. run, data and errors about them: as of `fit`."""
+    finished = read_finished(Path(run), data)
+    checkpoint = finished.checkpoint
+    if not any(parameter.requires_grad for parameter in checkpoint.model.parameters()):
+        raise CheckpointError(f"{run}: the network {checkpoint.network} has nothing to train; use Classifier.enrol")
+    with_outputs(checkpoint, checkpoint.n_outputs + 1)
+    return finished
 
 
 def _check_names(clouds: Mapping[str, Sequence[np.ndarray]], taken: Sequence[str]) -> None:

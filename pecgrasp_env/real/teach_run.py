@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pecgrasp_env.motion.trajectory import JOINT_SPEED
 from pecgrasp_env.real.camera.recorded import write_depth_image
 from pecgrasp_env.real.connected import Agreement, SettingError, connected, mount_of_setting, workspace_of
 from pecgrasp_env.real.interfaces import DepthCamera
+from pecgrasp_env.real.learning import FEWEST, RESULTS, Origin, origin_of, write_clouds
 from pecgrasp_env.real.look_around import look_around
 from pecgrasp_env.real.pick_record import write_frame
 from pecgrasp_env.real.sight import Sight
@@ -39,17 +37,28 @@ def run_teach(
             "host=… must be given: the arm's controller; or views=manual, and the thing is turned by hand"
         )
     check_name(classifier, name)
-    output = Path(settings["output"])
+    output, least = Path(settings["output"]), int(settings["least"])
     if (output / "checkpoint").exists():
         raise SettingError(f"output={output}: holds a checkpoint already: name another folder, or take it away")
+    run = None if settings["run"] is None else Path(settings["run"])
+    origin = origin_of(Path(settings["checkpoint"]), run, classifier.classes)
+    if isinstance(origin, Origin) and least < FEWEST:
+        raise SettingError(f"least={least}: training goes on with {FEWEST} views at least")
     (output / "frames").mkdir(parents=True, exist_ok=True)
     by = {"arm": _by_arm, "manual": _by_hand, "frames": _by_frames}[settings["views"]]
-    lesson = teach(classifier, name, _said(by(settings, camera, classifier.n_points, ask), say), settings["least"])
-    begun = time.monotonic()
-    named: dict[str, Any] = {f"{k:03}": cloud for k, cloud in enumerate(lesson.clouds)}
-    np.savez_compressed(output / "clouds.npz", **named)
+
+    def learn(name: str, clouds: list[Any]) -> Any:
+        write_clouds(output, clouds)
+        if isinstance(origin, str):
+            say(f"the views alone are learnt, which tells less apart and costs what is known: {origin}")
+            return classifier.enrol(name, clouds)
+        say(f"learning them together with the clouds of {origin.run}, which takes some minutes")
+        return origin.learn(name, clouds)
+
+    views = _said(by(settings, camera, classifier.n_points, ask), say)
+    lesson = teach(classifier, name, views, least, learn)
     lesson.classifier.save(output / "checkpoint")
-    results = {
+    results: dict[str, Any] = {
         "name": name,
         "checkpoint": str(output / "checkpoint"),
         "classes": lesson.classifier.classes,
@@ -57,11 +66,14 @@ def run_teach(
         "left_out": lesson.left_out,
         "before": lesson.before,
         "recognised": list(lesson.recognised),
+        "seconds": round(lesson.seconds, 1),
     }
-    (output / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+    if isinstance(origin, Origin):
+        results["learnt_with"] = origin.as_json()
+    (output / RESULTS).write_text(json.dumps(results, indent=1) + "\n")
     for line in lines_of(lesson, name):
         say(line)
-    say(f"{output}/checkpoint knows {', '.join(lesson.classifier.classes)}; saved in {time.monotonic() - begun:.1f} s")
+    say(f"{output}/checkpoint knows {', '.join(lesson.classifier.classes)}; learnt in {lesson.seconds:.0f} s")
     return lesson
 
 

@@ -1,17 +1,21 @@
 """A class from the thing itself: what is shown is learnt, what cannot be is refused before anything moves."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pec import Classifier
+from pec.training import fit
 from pecgrasp.cli import main
 from pecgrasp_env.policy.viewpoints import look_at, postures_around
 from pecgrasp_env.real import ConnectionLost, DepthImage
 from pecgrasp_env.real.camera.recorded import RecordedCamera, read_depth_image, write_depth_image
+from pecgrasp_env.real.learning import read_clouds
 from pecgrasp_env.real.teach import LEAST_VIEWS, TeachError, check_name, images_of, shown_in_image, teach
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor.intrinsics import intrinsics_of
@@ -130,6 +134,47 @@ def test_the_command_learns_from_a_folder_of_frames(checkpoint, tmp_path, capsys
         run("name=can", *frames, f"output={tmp_path}/out")
     with pytest.raises(SystemExit, match=r"views=arm.*host=…|host=… must be given"):
         run("name=can", f"checkpoint={checkpoint}", "camera=recorded", f"camera.folder={tmp_path}/frames")
+
+
+BOX = (0.5, 0.0, 0.05, 0.02)
+
+
+def taught(name, thing, folder, *overrides):
+    (folder / "frames").mkdir(parents=True)
+    for k, image in enumerate(images([thing], 12)):
+        write_depth_image(folder / "frames" / f"{k:02}.npz", image)
+    frames = ["views=frames", "camera=recorded", f"camera.folder={folder}/frames"]
+    run(f"name={name}", *frames, f"output={folder}/out", *overrides)
+    return folder / "out"
+
+
+def test_what_is_taught_one_after_another_is_known_as_if_taught_at_once(checkpoint, tmp_path):
+    first = taught("can", CAN, tmp_path / "1", f"checkpoint={checkpoint}")
+    second = taught("puck", BOX, tmp_path / "2", f"checkpoint={first}/checkpoint")
+    training_run = Path(checkpoint).parent
+    together = fit(training_run, {"can": read_clouds(first), "puck": read_clouds(second)})
+    fresh = [each.cloud for thing in (CAN, BOX) for each in shown([thing], 4)]
+    assert Classifier.load(second / "checkpoint").predict(fresh) == together.predict(fresh)
+    learnt_with = json.loads((second / "results.json").read_text())["learnt_with"]
+    assert learnt_with == {"run": str(training_run), "taught": {"can": str(first)}}
+
+
+def test_a_checkpoint_that_left_its_run_is_shown_the_views_alone_or_told_where_the_run_is(checkpoint, tmp_path, capsys):
+    alone = tmp_path / "alone"
+    shutil.copytree(checkpoint, alone)
+    out = taught("can", CAN, tmp_path / "1", f"checkpoint={alone}")
+    said = capsys.readouterr().out
+    assert "the views alone are learnt" in said
+    assert "run=… says where that is" in said
+    clouds = read_clouds(out)
+    enrolled = Classifier.load(alone).enrol("can", clouds)
+    assert Classifier.load(out / "checkpoint").predict(clouds) == enrolled.predict(clouds)
+    told = taught("can", CAN, tmp_path / "2", f"checkpoint={alone}", f"run={Path(checkpoint).parent}")
+    assert "learnt_with" in json.loads((told / "results.json").read_text())
+    with pytest.raises(SystemExit, match="holds no finished training run"):
+        taught("can", CAN, tmp_path / "3", f"checkpoint={alone}", f"run={tmp_path}")
+    with pytest.raises(SystemExit, match="knows ball, rod, can; the run ball, rod"):
+        taught("puck", BOX, tmp_path / "4", f"checkpoint={out}/checkpoint", f"run={Path(checkpoint).parent}")
 
 
 def test_turned_by_hand_it_asks_before_each_view_and_keeps_the_frames(checkpoint, tmp_path, monkeypatch):
