@@ -106,7 +106,8 @@ def _prepared(arrays: dict[str, np.ndarray], dataset: CloudDataset) -> PreparedC
 
 def _key(dataset: CloudDataset, preprocess: Preprocess, removed: float, seed: int) -> str:
     digest = hashlib.sha256()
-    sampling = {name: asdict(preprocess)[name] for name in ("n_points", "n_candidates", "sampling", "start")}
+    names = ("n_points", "n_candidates", "sampling", "start", "drop_isolated")
+    sampling = {name: asdict(preprocess)[name] for name in names}
     for array in (dataset.offsets, dataset.labels, dataset.instances):
         digest.update(array.tobytes())
     return settings_key(1, sampling, removed, seed, dataset.fingerprint, digest.hexdigest())

@@ -95,6 +95,7 @@ def _member(run: Path, data: str | None) -> _Member:
     preprocess = checkpoint.preprocess
     sampling: list[Any] = [finished.data, config.dataset.size, finished.places]
     sampling += [preprocess.n_points, preprocess.n_candidates, preprocess.sampling, preprocess.start]
+    sampling.append(preprocess.drop_isolated)
     decisive = config.decisive()
     del decisive["seed"], decisive["dataset"]["path"]
     row = {

@@ -24,3 +24,6 @@ def arrange(
 
 def describe(points: NDArray[np.float32], described: NDArray[np.float64], /) -> None:
     """Fill `described` (37,)."""
+
+def isolation(points: NDArray[np.float64], distances: NDArray[np.float64], /) -> None:
+    """Fill `distances` (n,); points are finite."""

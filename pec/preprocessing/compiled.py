@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["AVAILABLE", "arranged", "described", "farthest_points", "group_order", "surface_forms"]
+__all__ = ["AVAILABLE", "arranged", "described", "farthest_points", "group_order", "isolation", "surface_forms"]
 
-INTERFACE = 3  # as in _kernels.c
+INTERFACE = 4  # as in _kernels.c
 
 
 def _load() -> Any:
@@ -53,6 +53,13 @@ def group_order(points: np.ndarray, group_size: int) -> np.ndarray:
     order = np.empty(len(points), np.int64)
     _KERNELS.group(points, group_size, order)
     return order
+
+
+def isolation(points: np.ndarray) -> np.ndarray:
+    """`isolated.isolation` of finite points (n, 3), but for rounding: (n,) float64."""
+    out = np.empty(len(points))
+    _KERNELS.isolation(np.ascontiguousarray(points, np.float64), out)
+    return out
 
 
 def arranged(

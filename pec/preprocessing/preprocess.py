@@ -2,8 +2,8 @@
 
 Two steps, because the first is slow and needs the raw cloud, and the second is quick and must follow each augmentation:
 
-1. `Preprocess.sample`: centre, then at most `n_candidates` points, by farthest point sampling (FPS) or by chance
-   (NumPy, one cloud).
+1. `Preprocess.sample`: drop isolated points where that is asked for, centre, then at most `n_candidates` points, by
+   farthest point sampling (FPS) or by chance (NumPy, one cloud).
 2. `Preprocess.arrange`: pose, then ordering, to exactly `n_points` points (torch, a batch). `Preprocess.views` is the
    same of one cloud in all its poses, for prediction.
 
@@ -27,6 +27,7 @@ import torch
 
 from pec.errors import CloudError, ConfigError
 from pec.preprocessing import compiled as kernels
+from pec.preprocessing.isolated import without_isolated
 from pec.preprocessing.ordering import anchor_positions, group_order, nearest_candidates
 from pec.preprocessing.pose import FLIPS, principal_pose
 
@@ -121,6 +122,8 @@ def _resized(points: torch.Tensor, valid: torch.Tensor, size: str) -> torch.Tens
 class Preprocess:
     """How a cloud becomes the network's input; part of a checkpoint.
 
+    drop_isolated: points are dropped first that stand more than this many times as far from their neighbours as is
+    usual in the cloud (`pec.preprocessing.isolated`); None keeps all.
     n_points: points that the network takes. n_candidates: points that are left for the ordering to pick from.
     sampling: how they are picked: "farthest" (FPS), or "random" (all, of a cloud that has no more).
     start: "random" first point of FPS (published), or "farthest" from the centroid (no chance in it).
@@ -142,6 +145,7 @@ class Preprocess:
     group_size: int = 16
     anchor_unit: str = "axis"
     size: str = "kept"
+    drop_isolated: float | None = None
 
     def __post_init__(self) -> None:
         if self.ordering not in ORDERINGS:
@@ -160,6 +164,10 @@ class Preprocess:
             raise ConfigError(f"preprocess.anchor_unit must be 'axis' or 'cloud', got {self.anchor_unit!r}")
         if self.size not in SIZES:
             raise ConfigError(f"preprocess.size must be one of {SIZES}, got {self.size!r}")
+        if self.drop_isolated is not None and self.drop_isolated < 1:
+            raise ConfigError(
+                f"preprocess.drop_isolated must be 1 or more, or null to keep all, got {self.drop_isolated}"
+            )
         if self.ordering != "anchors" and self.n_candidates != self.n_points:
             raise ConfigError(
                 f"preprocess.ordering {self.ordering!r} takes every candidate: n_candidates must be n_points"
@@ -183,6 +191,8 @@ class Preprocess:
         Raises CloudError where the cloud is not finite (N, 3) with N ≥ n_points.
         """
         points = check_cloud(points, self.n_points)
+        if self.drop_isolated is not None and np.isfinite(points).all():  # what is not is refused below
+            points = without_isolated(points, self.drop_isolated, self.n_points)
         n = min(self.n_candidates, len(points))
         if self.sampling == "random":
             centred = _centred(points)

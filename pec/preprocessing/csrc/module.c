@@ -3,7 +3,7 @@
 #include "preprocessing.h"
 
 /* Raised whenever a function here takes or returns something else; compiled.py names the one that it knows. */
-#define INTERFACE 3
+#define INTERFACE 4
 
 /* A contiguous array of `ndim` dimensions with something in it, the last of length 3 unless there is but one; NULL with
  * an error if not. */
@@ -138,12 +138,37 @@ static PyObject *forms(PyObject *self, PyObject *arguments)
     return answer;
 }
 
+static PyObject *isolation(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *points, *distances, *answer = NULL;
+    if (!PyArg_ParseTuple(arguments, "OO", &points, &distances))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_buffer *cloud, *out;
+    if ((cloud = array(&arrays, points, "points", "d", 2, 0)) &&
+        (out = array(&arrays, distances, "distances", "d", 1, 1))) {
+        if (out->shape[0] != cloud->shape[0]) {
+            PyErr_SetString(PyExc_ValueError, "distances: one for each point is needed");
+        } else {
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = isolations(cloud->buf, cloud->shape[0], out->buf);
+            Py_END_ALLOW_THREADS
+            answer = code ? Py_NewRef(Py_None) : PyErr_NoMemory();
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
 static PyMethodDef methods[] = {
     {"sample", sample, METH_VARARGS, "Centred farthest points; False where the cloud is for the reference to judge."},
     {"group", group, METH_VARARGS, "See ordering.group_order: fills `order`."},
     {"arrange", arrange, METH_VARARGS, "Fixed positions take their nearest points: fills `arranged`."},
     {"describe", describe, METH_VARARGS, "See known.shape_distribution: fills `described`."},
     {"forms", forms, METH_VARARGS, "See known.surface_forms: fills `formed`."},
+    {"isolation", isolation, METH_VARARGS, "See isolated.isolation: fills `distances`."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -58,6 +58,10 @@ void principal_axes(double a[3][3], double axes[3][3]);
 /* _description.c. points (n, 3), n at least 1; out (37). Returns 0 where memory is short. */
 int describe_points(const float *points, ptrdiff_t n, double *out);
 
+/* isolation.c. points (n, 3), finite; out (n): distance of each one's fourth nearest neighbour, infinite of fewer than
+ * five. Returns 0 where memory is short. */
+int isolations(const double *points, ptrdiff_t n, double *out);
+
 /* forms.c. points (n, 3), n at least 2; out (78). Returns 0 where memory is short. */
 int surface_forms(const float *points, ptrdiff_t n, double *out);
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from pec.errors import CloudError
 from pec.preprocessing import compiled as kernels
+from pec.preprocessing.isolated import isolation, reference
 from pec.preprocessing.ordering import anchor_positions, group_order
 from pec.preprocessing.preprocess import Preprocess, farthest_points
 
@@ -53,6 +54,15 @@ def test_groups_are_the_reference_s_also_where_points_are_equally_near(cloud: np
     cloud -= cloud.mean(axis=0)
     expected = group_order(torch.from_numpy(cloud)[None], group_size)[0]
     np.testing.assert_array_equal(kernels.group_order(cloud, group_size), expected)
+
+
+@needs_kernels
+@settings(max_examples=100, deadline=None)
+@given(clouds(least=5), st.floats(0, 1000))
+def test_isolations_are_the_reference_s_but_for_rounding(cloud: np.ndarray, away: float) -> None:
+    cloud = np.concatenate([cloud, cloud[:1] * (1 + away)])  # a stray, too, perhaps so far that the grid is coarse
+    np.testing.assert_allclose(isolation(cloud), reference(cloud), rtol=1e-6, atol=0)
+    assert not isolation(np.repeat(cloud[:1], 20, axis=0)).any()
 
 
 @needs_kernels
@@ -122,6 +132,8 @@ def test_arrays_of_another_type_or_size_are_refused() -> None:
         _kernels.group(cloud, 7, np.empty(100, np.int64))
     with pytest.raises(ValueError, match="for each sign and anchor"):
         _kernels.arrange(cloud, cloud[:64], cloud[:4], True, True, np.empty((4, 63, 3), np.float32))
+    with pytest.raises(ValueError, match="one for each point"):
+        _kernels.isolation(cloud.astype(float), np.empty(99))
     locked = np.empty((64, 3), np.float32)
     locked.flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
@@ -140,7 +152,8 @@ from pec.preprocessing.preprocess import Preprocess
 assert not kernels.AVAILABLE
 torch.manual_seed(0)
 cloud = np.random.default_rng(0).exponential(size=(500, 3)) * [0.1, 0.05, 0.02]
-for settings in ({}, {"n_candidates": 128, "start": "farthest", "pose": "principal", "ordering": "anchors"}):
+ours = {"n_candidates": 128, "start": "farthest", "pose": "principal", "ordering": "anchors"}
+for settings in ({}, ours, ours | {"drop_isolated": 1.5}):
     classifier = Classifier(Checkpoint(PEC(64, 3), ["a", "b", "c"], Preprocess(**settings), 0.01, 0))
     for prediction in classifier.predict([cloud, cloud[:70], cloud[100:]]):  # of 70 points there are fewer candidates
         print(*prediction.probabilities.values())

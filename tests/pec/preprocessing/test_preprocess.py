@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pec.errors import CloudError, ConfigError
+from pec.preprocessing.isolated import without_isolated
 from pec.preprocessing.ordering import anchor_positions, group_order, nearest_candidates
 from pec.preprocessing.pose import principal_pose
 from pec.preprocessing.preprocess import Preprocess, farthest_point_sampling
@@ -180,11 +181,52 @@ def test_bad_cloud_is_an_error_that_says_why(cloud, message):
         {"n_points": 63},
         {"anchor_unit": "metre"},
         {"sampling": "nearest"},
+        {"drop_isolated": 0.5},
     ],
 )
 def test_senseless_settings_are_an_error(settings):
     with pytest.raises(ConfigError, match=next(iter(settings))):
         Preprocess(**settings)
+
+
+def _plate(n=20):
+    """A grid of n × n points, 0.01 m apart."""
+    x, y = np.meshgrid(np.arange(n), np.arange(n))
+    return 0.01 * np.stack([x, y, 0 * x], axis=2).reshape(-1, 3).astype(float)
+
+
+def test_only_points_that_stand_alone_are_dropped_in_any_unit():
+    plate = _plate()
+    strays = np.array([[0.1, 0.1, 0.1], [0.1, 0.1, 0.12], [-0.3, 0.0, 0.0], [0.0, 0.0, 5.0]])  # two of them are a pair
+    cloud = np.concatenate([plate[:200], strays, plate[200:]])
+    for unit in (1.0, 1000.0):
+        left = without_isolated(unit * cloud, 2.1, least=64)  # a corner's fourth neighbour is two steps away
+        assert np.array_equal(left, unit * plate)
+
+
+def test_as_many_points_stay_as_the_network_takes_the_least_isolated():
+    cloud = np.concatenate([_plate(9), [[0.5, 0.5, 0.1 * (1 + i)] for i in range(4)]])
+    left = without_isolated(cloud, 1.0, least=83)
+    assert len(left) == 83
+    assert np.array_equal(left[:81], cloud[:81])
+    assert len(without_isolated(cloud, 1.0, least=2)) < 81
+
+
+@pytest.mark.parametrize("cloud", [np.eye(3), np.repeat(np.eye(3), 30, axis=0)])
+def test_of_few_points_and_of_points_that_come_many_times_all_stay(cloud):
+    assert without_isolated(cloud, 1.5, least=2) is cloud
+
+
+def test_strays_change_nothing_where_they_are_dropped():
+    plate = _plate()
+    cloud = np.concatenate([plate, [[0.1, 0.1, 0.4], [0.1, -0.3, 0.1]]])
+    for chosen in ({"start": "farthest"}, {"n_candidates": 512, "sampling": "random", "ordering": "anchors"}):
+        kept, dropped = Preprocess(**chosen), Preprocess(drop_isolated=2.1, **chosen)
+        clean, seen = (p.sample(c, np.random.default_rng(0)) for p, c in ((kept, plate), (dropped, cloud)))
+        assert np.array_equal(clean, seen)
+        assert not np.array_equal(kept.sample(cloud, np.random.default_rng(0)), clean)
+    with pytest.raises(CloudError, match="1 of 401 points are not finite"):
+        dropped.sample(np.concatenate([plate, [[np.nan, 0, 0]]]), np.random.default_rng(0))
 
 
 def test_random_sampling_takes_all_points_or_some_of_them_once():
