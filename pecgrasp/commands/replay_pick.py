@@ -13,7 +13,7 @@ from pecgrasp.commands.pick import asked, classifier_of
 from pecgrasp.settings import CONF, plain
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.real.errors import RobotError
-from pecgrasp_env.real.pick_record import recorded_settings
+from pecgrasp_env.real.pick_record import recorded_arm, recorded_settings
 from pecgrasp_env.real.pick_run import run_replay, view_of
 
 
@@ -24,7 +24,10 @@ def replay_pick(cfg: DictConfig) -> None:
         folder = Path(settings["folder"])
         checkpoint = settings["checkpoint"] or recorded_settings(folder)["checkpoint"]
         policy = ScriptedPolicy(
-            classifier_of(checkpoint), instantiate(settings["planner"]), min_confidence=settings["min_confidence"]
+            classifier_of(checkpoint),
+            instantiate(settings["planner"]),
+            min_confidence=settings["min_confidence"],
+            arm=recorded_arm(folder),
         )
         with view_of(settings, None, print) as view:
             decisions = run_replay(folder, settings["target"], policy, print, view)

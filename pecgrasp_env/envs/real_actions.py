@@ -7,7 +7,8 @@ from gymnasium import spaces
 from scipy.spatial.transform import Rotation
 
 from pecgrasp_env.robot import gripper_linkage as linkage
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS, T_TOOL0_TCP, forward_kinematics, nearest_solution
+from pecgrasp_env.robot.arm_lengths import JOINT_LIMITS, UR5, ArmLengths
+from pecgrasp_env.robot.kinematics import T_TOOL0_TCP, forward_kinematics, nearest_solution
 
 CONTROL_MODES = ("pd_joint_pos", "pd_joint_delta_pos", "pd_ee_pose", "pd_ee_delta_pose")
 _STEP = 0.1  # of ±1 in the modes with delta: rad of a joint or of the tool, m of the tool
@@ -19,8 +20,8 @@ class OutOfReach(ValueError):
     """An action leads where the arm cannot go; the message says where."""
 
 
-def joint_targets(control_mode: str, action: np.ndarray, q_now: np.ndarray) -> np.ndarray:
-    """Joint angles (6,), rad, to which the arm's part (6,) of an action of a mode leads from q_now (6,).
+def joint_targets(control_mode: str, action: np.ndarray, q_now: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray:
+    """Joint angles (6,), rad, to which the part (6,) of an action of a mode that is the arm's leads from q_now (6,).
 
     Raises OutOfReach where they are outside of the joints' limits, or no posture has the tool there.
     """
@@ -29,7 +30,7 @@ def joint_targets(control_mode: str, action: np.ndarray, q_now: np.ndarray) -> n
     elif control_mode == "pd_joint_delta_pos":
         q = q_now + _STEP * action
     else:
-        T = forward_kinematics(q_now) @ T_TOOL0_TCP
+        T = forward_kinematics(q_now, arm) @ T_TOOL0_TCP
         if control_mode == "pd_ee_delta_pose":
             turn = (
                 _STEP * action[3:] / max(1.0, float(np.linalg.norm(action[3:])))
@@ -38,13 +39,13 @@ def joint_targets(control_mode: str, action: np.ndarray, q_now: np.ndarray) -> n
             T[:3, :3] = Rotation.from_euler("XYZ", turn).as_matrix() @ T[:3, :3]
         else:
             T[:3, 3], T[:3, :3] = action[:3], Rotation.from_euler("XYZ", action[3:]).as_matrix()
-        found = nearest_solution(T @ np.linalg.inv(T_TOOL0_TCP), q_now)
+        found = nearest_solution(T @ np.linalg.inv(T_TOOL0_TCP), q_now, arm)
         if found is None:
             raise OutOfReach(f"no posture of the arm has the tool at {np.round(T[:3, 3], 3).tolist()} m, turned so")
         if "delta" in control_mode and np.abs(found - q_now).max() > _JUMP_RAD:
             raise OutOfReach("the arm would have to swing round: it is near a singularity")
         q = found
-    low, high = JOINT_LIMITS.T
+    low, high = arm.limits.T
     outside = (q < low) | (q > high)
     if outside.any():
         joint = int(np.argmax(outside))

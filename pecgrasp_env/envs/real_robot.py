@@ -23,7 +23,7 @@ from pecgrasp_env.real.sight import Sight
 from pecgrasp_env.real.workspace import OutsideWorkspace, Workspace, hand_points
 from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot.camera_mount import BRACKET, CameraMount
-from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_TCP, forward_kinematics
+from pecgrasp_env.robot.kinematics import T_TOOL0_TCP, forward_kinematics, home
 from pecgrasp_env.sensor.intrinsics import FAR
 
 OBS_MODES = ("depth", "cloud")
@@ -188,9 +188,9 @@ class SelectiveGraspRealEnv(gym.Env):
                 self._agreed("open the gripper")
                 gripper.move(linkage.STROKE, self._robot.speed, self._force(linkage.MIN_FORCE)).wait(_PATIENCE_S)
             self._told = np.array([linkage.STROKE, linkage.MAX_FORCE])
-            if np.abs(arm.state.q - HOME).max() > 0.005:
+            if np.abs(arm.state.q - home(arm.lengths)).max() > 0.005:
                 self._agreed("move to the home posture")
-                arm.move_joints(HOME).wait(_HOMING_S)
+                arm.move_joints(home(arm.lengths)).wait(_HOMING_S)
         except Declined:
             raise
         except RobotError as error:
@@ -211,8 +211,9 @@ class SelectiveGraspRealEnv(gym.Env):
             gripper.move(opening, self._robot.speed, force)
             self._told = np.array([opening, force])
         try:
-            q = joint_targets(self._control_mode, action[:6], q_now)
-            self._robot.workspace.check_path(np.stack([q_now, q]), float(np.clip(gripper.width, 0.0, linkage.STROKE)))
+            q = joint_targets(self._control_mode, action[:6], q_now, arm.lengths)
+            opening = float(np.clip(gripper.width, 0.0, linkage.STROKE))
+            self._robot.workspace.check_path(np.stack([q_now, q]), opening, arm.lengths)
         except (OutsideWorkspace, OutOfReach) as error:
             q, refused = q_now, str(error)
         else:
@@ -232,7 +233,7 @@ class SelectiveGraspRealEnv(gym.Env):
 
     def _observed(self) -> dict[str, Any]:
         seen = self._sight.observe()
-        tcp = forward_kinematics(seen.q) @ T_TOOL0_TCP
+        tcp = forward_kinematics(seen.q, seen.arm) @ T_TOOL0_TCP
         turn = Rotation.from_matrix(tcp[:3, :3]).as_quat(scalar_first=True)
         crank = float(linkage.crank_joint(seen.opening))
         agent = {
@@ -278,7 +279,8 @@ class SelectiveGraspRealEnv(gym.Env):
 
     def _tips(self) -> float:
         """Height of the lowest fingertip above the table, m."""
-        points = hand_points(self._robot.arm.state.q, float(np.clip(self._robot.gripper.width, 0.0, linkage.STROKE)))
+        arm, opening = self._robot.arm, float(np.clip(self._robot.gripper.width, 0.0, linkage.STROKE))
+        points = hand_points(arm.state.q, opening, arm.lengths)
         return float(points[1:, 2].min()) - self._robot.workspace.table
 
     def _info(self) -> dict[str, Any]:

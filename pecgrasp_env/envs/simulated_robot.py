@@ -14,6 +14,7 @@ import torch
 
 from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
 from pecgrasp_env.policy.observation import read_observation
+from pecgrasp_env.robot.arm_lengths import UR5
 from pecgrasp_env.sensor.d435_noise import apply_ideal
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV, add_depth_camera, take_depth
@@ -22,8 +23,8 @@ from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV, add_depth_camer
 class SimulatedRobot:
     """One episode after the other. kwargs: those of SelectiveGrasp-v1.
 
-    period: s. target: the asked-for class. outcome: how the episode has ended, "success", "wrong_object" or
-    "off_table"; None before that.
+    period: s. arm: a UR5's lengths, which is what the scene has. target: the asked-for class. outcome: how the episode
+    has ended, "success", "wrong_object" or "off_table"; None before that.
     """
 
     def __init__(self, seed: int = 0, **kwargs: Any) -> None:
@@ -32,6 +33,7 @@ class SimulatedRobot:
         )
         self.task: SelectiveGraspEnv = env.unwrapped
         self.task.pictures_on_demand = True
+        self.arm = UR5
         self.period = 1.0 / self.task.sim_freq
         self._every = self.task.sim_freq // self.task.control_freq
         self.reset(seed)

@@ -8,8 +8,9 @@ from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.motion.collision import Surroundings, hits_itself
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.motion.rrt_connect import free_path
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.collision_spheres import body
-from pecgrasp_env.robot.kinematics import HOME
+from pecgrasp_env.robot.kinematics import home
 
 _MARGIN_M = 0.008  # from what was seen: noise, the height map's cells, and what was just not seen
 _TABLE_M = 0.010
@@ -23,9 +24,11 @@ class Clearance:
         points: (M, 3) of the object, base frame, m; none where the arm only moves about.
         others: (K, 3) of all else that was seen.
         plane: the table (4,).
+        arm: which one moves.
     """
 
-    def __init__(self, points: np.ndarray, others: np.ndarray, plane: np.ndarray) -> None:
+    def __init__(self, points: np.ndarray, others: np.ndarray, plane: np.ndarray, arm: ArmLengths = UR5) -> None:
+        self._arm = arm
         self._others = Surroundings(others, plane)
         self._all = Surroundings(np.concatenate([points, others]), plane) if len(points) else self._others
 
@@ -40,7 +43,7 @@ class Clearance:
         The planner of grasps has seen to the fingertips' room and to the palm's above the object; this is about all
         else: cranks, camera and arm. tight: without a margin to the other objects.
         """
-        robot = body(opening)
+        robot = body(opening, self._arm)
         centres = robot.at(path)
         moving = (robot.frame >= _ALWAYS_FREE) & ~robot.fingertip
         if self._others.near_table(centres[:, moving], robot.radius[moving], _TABLE_M).any():
@@ -59,7 +62,7 @@ class Clearance:
 
         Raises MotionError where there is no such path.
         """
-        robot = body(opening)
+        robot = body(opening, self._arm)
         moving = robot.frame >= _ALWAYS_FREE
         radius = robot.radius[moving]
 
@@ -70,16 +73,18 @@ class Clearance:
             blocked |= self._all.hit_by(centres[:, moving], radius, _MARGIN_M)
             return ~blocked
 
-        return free_path(q_start, q_goal, free, over=(HOME,))
+        return free_path(q_start, q_goal, free, over=(home(self._arm),), limits=self._arm.limits)
 
 
-def path_past(seen: np.ndarray, plane: np.ndarray | None, q_start: np.ndarray, q_goal: np.ndarray) -> np.ndarray:
+def path_past(
+    seen: np.ndarray, plane: np.ndarray | None, q_start: np.ndarray, q_goal: np.ndarray, arm: ArmLengths = UR5
+) -> np.ndarray:
     """Joint waypoints (K, 6) with an open, empty hand past points (N, 3), base frame, m, over a table (4,); straight
     where no table is known or no path is found: between two postures high above it that is free as a rule.
     """
     if plane is not None:
         try:
-            return Clearance(np.zeros((0, 3)), seen, plane).free_path(q_start, q_goal)
+            return Clearance(np.zeros((0, 3)), seen, plane, arm).free_path(q_start, q_goal)
         except MotionError:
             pass
     return np.stack([q_start, q_goal])

@@ -15,8 +15,9 @@ from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan
 from pecgrasp_env.motion.clearance import Clearance
 from pecgrasp_env.motion.joint_path import LARGEST_JOINT_STEP, LINE_STEP_M, MotionError, unwound, within_limits, wrapped
 from pecgrasp_env.robot import tool0_from_grasp
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.batch_kinematics import BRANCHES, inverse_kinematics_batch, nearest_turns
-from pecgrasp_env.robot.kinematics import HOME, UP
+from pecgrasp_env.robot.kinematics import UP, home
 
 LIFT_M = 0.25  # an object held at one end hangs down
 _OPEN_MARGIN_M = 0.03  # wider than the object, both sides together, where the planner has no wish of its own
@@ -38,7 +39,7 @@ class Approach:
     T_base_grasp: (4, 4) as it is carried out, the fingertips clear of the table, the closing direction turned round
     where that suits the arm. T_base_tool0: (4, 4) of the flange there, at contact. to_grasp ends, and to_close (M, 6)
     starts, with the pads there at `opening`; to_close keeps them there at M openings that fall evenly to 0. to_lift
-    goes up from the last of those.
+    goes up from the last of those. arm: whose joints they are.
     """
 
     grasp: Grasp
@@ -49,6 +50,7 @@ class Approach:
     to_grasp: np.ndarray
     to_close: np.ndarray
     to_lift: np.ndarray
+    arm: ArmLengths = UR5
 
     def posture_at(self, opening: float) -> np.ndarray:
         """The joint angles (6,) that have the pads where they are to hold, the fingers at an opening (m)."""
@@ -71,7 +73,12 @@ class _Candidate:
 
 
 def plan_approach(
-    plan: GraspPlan, points: np.ndarray, obstacles: np.ndarray, plane: np.ndarray | None, q_now: np.ndarray
+    plan: GraspPlan,
+    points: np.ndarray,
+    obstacles: np.ndarray,
+    plane: np.ndarray | None,
+    q_now: np.ndarray,
+    arm: ArmLengths = UR5,
 ) -> Approach:
     """The best grasp of the plan that the arm can carry out, with its paths, free of all that was seen.
 
@@ -80,12 +87,13 @@ def plan_approach(
         points: (M, 3) of the object. obstacles: (K, 3) of the others.
         plane: the table (4,), or None for z = 0.
         q_now: (6,) where the arm is.
+        arm: which one it is.
 
     Raises:
         MotionError: the arm can carry out none of them; the message is that of the best.
     """
     plane = np.array([0.0, 0.0, 1.0, 0.0]) if plane is None else plane
-    clearance = Clearance(points, obstacles, plane)
+    clearance = Clearance(points, obstacles, plane, arm)
     problem: MotionError | None = None
     # From above everything where the arm reaches that; else from just over the object; at last with less room beside.
     for over_all, tight in ((True, False), (False, False), (False, True)):
@@ -93,11 +101,11 @@ def plan_approach(
         for first in range(0, min(len(plan.candidates), _TRIED_GRASPS), _AT_ONCE):
             grasps = plan.candidates[first : min(first + _AT_ONCE, _TRIED_GRASPS)]
             candidates = [candidate for grasp in grasps for candidate in _both_directions(grasp, plane, height)]
-            paths, down = _paths(candidates)
-            paths = unwound(nearest_turns(paths, q_now))
+            paths, down = _paths(candidates, arm)
+            paths = unwound(nearest_turns(paths, q_now, arm))
             for k in range(0, len(candidates), 2):
                 try:
-                    return _first_free(candidates[k : k + 2], paths[k : k + 2], down, clearance, tight, q_now)
+                    return _first_free(candidates[k : k + 2], paths[k : k + 2], down, clearance, tight, q_now, arm)
                 except MotionError as error:
                     problem = problem or error
     raise problem or MotionError("no grasp to go to")
@@ -147,26 +155,27 @@ def _both_directions(grasp: Grasp, plane: np.ndarray, travel_height: float) -> l
     return result
 
 
-def _paths(candidates: list[_Candidate]) -> tuple[np.ndarray, int]:
+def _paths(candidates: list[_Candidate], arm: ArmLengths) -> tuple[np.ndarray, int]:
     """Postures (W, 8, K, 6) from the pre-grasp down, back and up again, of all branches, NaN out of reach; and how many
     of the K lead to the grasp; the next _CLOSING_STEPS go back.
     """
     down = 1 + int(np.ceil(max(candidate.standoff for candidate in candidates) / LINE_STEP_M))
-    up = int(np.ceil(LIFT_M / LINE_STEP_M))
+    lift = LIFT_M * arm.share
+    up = int(np.ceil(lift / LINE_STEP_M))
     at_grasp = np.array([candidate.T_base_tool0 for candidate in candidates])
     place, approach = at_grasp[:, :3, 3], at_grasp[:, :3, 2]
     # Straight up; where the arm does not reach that high, up a little and then up and inwards.
-    off, top = place + _FREE_M * UP, place + LIFT_M * UP
+    off, top = place + _FREE_M * UP, place + lift * UP
     highest = at_grasp.copy()
     highest[:, :3, 3] = top
-    far = np.isnan(inverse_kinematics_batch(highest)).any(axis=2).all(axis=1)
-    inwards = np.minimum(1.0, _CARRY_RADIUS_M / np.hypot(top[:, 0], top[:, 1]))
+    far = np.isnan(inverse_kinematics_batch(highest, arm)).any(axis=2).all(axis=1)
+    inwards = np.minimum(1.0, _CARRY_RADIUS_M * arm.share / np.hypot(top[:, 0], top[:, 1]))
     top[far, :2] *= inwards[far, None]
     advance = np.array([candidate.advance for candidate in candidates])
     standoff = np.array([candidate.standoff for candidate in candidates])
     forward = np.concatenate([advance[:, :1] - standoff[:, None] * np.linspace(1.0, 0.0, down), advance[:, 1:]], axis=1)
     closed = place + advance[:, -1:] * approach
-    free = max(1, int(np.ceil(up * _FREE_M / LIFT_M)))
+    free = max(1, int(np.ceil(up * _FREE_M / lift)))
     rise = np.linspace(0.0, 1.0, free + 1)[1:, None]
     carry = np.linspace(0.0, 1.0, up - free + 1)[1:, None]
     positions = np.concatenate(
@@ -179,22 +188,30 @@ def _paths(candidates: list[_Candidate]) -> tuple[np.ndarray, int]:
     )
     poses = np.repeat(at_grasp[:, None], positions.shape[1], axis=1)
     poses[..., :3, 3] = positions
-    branches = inverse_kinematics_batch(poses.reshape(-1, 4, 4))
+    branches = inverse_kinematics_batch(poses.reshape(-1, 4, 4), arm)
     return branches.reshape(len(candidates), -1, BRANCHES, 6).swapaxes(1, 2), down
 
 
 def _first_free(
-    candidates: list[_Candidate], paths: np.ndarray, down: int, clearance: Clearance, tight: bool, q_now: np.ndarray
+    candidates: list[_Candidate],
+    paths: np.ndarray,
+    down: int,
+    clearance: Clearance,
+    tight: bool,
+    q_now: np.ndarray,
+    arm: ArmLengths,
 ) -> Approach:
     """The nearest of the candidates (W) and branches, paths (W, 8, K, 6), that is reachable and free."""
     grasp = candidates[0].grasp
     with np.errstate(invalid="ignore"):
-        reachable = (np.abs(np.diff(paths, axis=2)).max(axis=(2, 3)) < LARGEST_JOINT_STEP) & within_limits(paths).all(2)
+        reachable = (np.abs(np.diff(paths, axis=2)).max(axis=(2, 3)) < LARGEST_JOINT_STEP) & within_limits(
+            paths, arm
+        ).all(2)
     if not reachable.any():
         raise MotionError(f"the grasp at {np.round(grasp.pose[:3, 3], 3)} m is out of reach")
     start = paths[:, :, 0]
     # Near the home posture the elbow stays up; then a short path.
-    cost = np.abs(wrapped(start - HOME)).sum(axis=2) + 0.3 * np.abs(start - q_now).max(axis=2)
+    cost = np.abs(wrapped(start - home(arm))).sum(axis=2) + 0.3 * np.abs(start - q_now).max(axis=2)
     order = np.argsort(np.where(reachable, cost, np.inf), axis=None, kind="stable")
     opening = _opening_of(grasp)
     problem: MotionError | None = None
@@ -213,5 +230,5 @@ def _first_free(
         T_base_grasp, T_base_tool0 = candidate.T_base_grasp, candidate.T_base_tool0
         closed = down + _CLOSING_STEPS
         to_grasp, to_close, to_lift = path[:down], path[down - 1 : closed], path[closed:]
-        return Approach(grasp, opening, T_base_grasp, T_base_tool0, there, to_grasp, to_close, to_lift)
+        return Approach(grasp, opening, T_base_grasp, T_base_tool0, there, to_grasp, to_close, to_lift, arm)
     raise problem or MotionError("no way to the grasp")

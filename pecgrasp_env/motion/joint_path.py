@@ -1,4 +1,4 @@
-"""Joint paths of the UR5: straight lines of the tool, and joint angles up to whole turns and within their limits."""
+"""Joint paths of an arm: straight lines of the tool, and joint angles up to whole turns and within their limits."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.batch_kinematics import inverse_kinematics_batch
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS, inverse_kinematics
+from pecgrasp_env.robot.kinematics import home, inverse_kinematics
 
 LINE_STEP_M = 0.02  # joints that turn evenly in between leave the line by less than 0.5 mm
 _LINE_STEP_RAD = 0.1
@@ -20,7 +21,9 @@ class MotionError(ValueError):
     """No joint path: out of reach, through a singularity, or blocked."""
 
 
-def straight_line(q_start: np.ndarray, T_base_start: np.ndarray, T_base_end: np.ndarray) -> np.ndarray:
+def straight_line(
+    q_start: np.ndarray, T_base_start: np.ndarray, T_base_end: np.ndarray, arm: ArmLengths = UR5
+) -> np.ndarray:
     """Joint waypoints (K, 6) that carry the tool in a straight line, turning evenly, from one pose to another.
 
     Raises:
@@ -34,7 +37,7 @@ def straight_line(q_start: np.ndarray, T_base_start: np.ndarray, T_base_end: np.
     poses = np.tile(np.eye(4), (n_steps, 1, 1))
     poses[:, :3, :3] = Slerp([0.0, 1.0], ends)(fractions).as_matrix()
     poses[:, :3, 3] = T_base_start[:3, 3] + fractions[:, None] * shift
-    branches = np.moveaxis(inverse_kinematics_batch(poses), 1, 0)
+    branches = np.moveaxis(inverse_kinematics_batch(poses, arm), 1, 0)
     where = f"the line to {np.round(T_base_end[:3, 3], 3)} m"
     q_start = np.asarray(q_start, float)
     first = np.abs(wrapped(branches[:, 0] - q_start)).max(axis=1)
@@ -47,7 +50,7 @@ def straight_line(q_start: np.ndarray, T_base_start: np.ndarray, T_base_end: np.
     steps = np.abs(np.diff(path, axis=0)).max(axis=1)
     if steps.max() > LARGEST_JOINT_STEP:
         raise MotionError(f"the joints jump after {fractions[int(steps.argmax())]:.0%} of {where}")
-    if not within_limits(path).all():
+    if not within_limits(path, arm).all():
         raise MotionError(f"a joint comes to its limit on {where}")
     return path
 
@@ -61,14 +64,20 @@ def unwound(paths: np.ndarray) -> np.ndarray:
     return result
 
 
-def within_limits(q: np.ndarray) -> np.ndarray:
+def within_limits(q: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray:
     """(…,) bool: whether postures (…, 6) are within the joint limits."""
-    return np.asarray(((q >= JOINT_LIMITS[:, 0]) & (q <= JOINT_LIMITS[:, 1])).all(axis=-1))
+    return np.asarray(((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1])).all(axis=-1))
 
 
-def solutions_near(T_base_tool0: np.ndarray, q_home: np.ndarray, q_now: np.ndarray) -> Sequence[np.ndarray]:
-    """All joint solutions of a tool pose, best first: near home (so the elbow stays up), then a short path."""
-    solutions = inverse_kinematics(T_base_tool0)
+def solutions_near(
+    T_base_tool0: np.ndarray, q_now: np.ndarray | None = None, arm: ArmLengths = UR5
+) -> Sequence[np.ndarray]:
+    """All joint solutions of a tool pose, best first: near home (so the elbow stays up), then a short path from there,
+    or from ``q_now`` (6,).
+    """
+    q_home = home(arm)
+    q_now = q_home if q_now is None else q_now
+    solutions = inverse_kinematics(T_base_tool0, arm=arm)
     if len(solutions) == 0:
         return []
     cost = np.abs(wrapped(solutions - q_home)).sum(axis=1) + 0.3 * np.abs(solutions - q_now).max(axis=1)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from pecgrasp_env.motion.joint_path import MotionError
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS
+from pecgrasp_env.robot.arm_lengths import JOINT_LIMITS
 
 Free = Callable[[np.ndarray], np.ndarray]  # postures (N, 6) → (N,) bool: whether each is free
 
@@ -26,13 +26,20 @@ class NoPathError(MotionError):
     """No free path was found between two postures."""
 
 
-def free_path(q_start: np.ndarray, q_goal: np.ndarray, free: Free, over: Iterable[np.ndarray] = ()) -> np.ndarray:
+def free_path(
+    q_start: np.ndarray,
+    q_goal: np.ndarray,
+    free: Free,
+    over: Iterable[np.ndarray] = (),
+    limits: np.ndarray = JOINT_LIMITS,
+) -> np.ndarray:
     """Joint waypoints (K, 6), K ≥ 2, from one posture to another through free postures.
 
     The start may touch something, as a hand among objects does: what follows it must be free.
 
     Args:
         over: postures (6,) to go over, tried one after another before the search.
+        limits: (6, 2) rad.
 
     Raises:
         NoPathError: the goal is not free, or the search found nothing.
@@ -45,7 +52,7 @@ def free_path(q_start: np.ndarray, q_goal: np.ndarray, free: Free, over: Iterabl
     for q in over:
         if free_between(q_start, q, free) and free_between(q, q_goal, free):
             return np.stack([q_start, q, q_goal])
-    return _shortened(_connect(q_start, q_goal, free), free)
+    return _shortened(_connect(q_start, q_goal, free, limits), free)
 
 
 def free_between(a: np.ndarray, b: np.ndarray, free: Free) -> bool:
@@ -89,10 +96,10 @@ class _Tree:
         return found[::-1]
 
 
-def _connect(q_start: np.ndarray, q_goal: np.ndarray, free: Free) -> np.ndarray:
+def _connect(q_start: np.ndarray, q_goal: np.ndarray, free: Free, limits: np.ndarray) -> np.ndarray:
     rng = np.random.default_rng(0)
-    low = np.maximum(np.minimum(q_start, q_goal) - _SWERVE_RAD, JOINT_LIMITS[:, 0])
-    high = np.minimum(np.maximum(q_start, q_goal) + _SWERVE_RAD, JOINT_LIMITS[:, 1])
+    low = np.maximum(np.minimum(q_start, q_goal) - _SWERVE_RAD, limits[:, 0])
+    high = np.minimum(np.maximum(q_start, q_goal) + _SWERVE_RAD, limits[:, 1])
     trees = (_Tree(q_start), _Tree(q_goal))
     for sample in range(_SAMPLES):
         one, other = trees if sample % 2 == 0 else trees[::-1]

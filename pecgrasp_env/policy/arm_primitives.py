@@ -116,12 +116,12 @@ class ArmSteps:
 
     def rise(self, observation: RobotObservation) -> Steps:
         """Straight up with an open hand, as far as the arm reaches, out of what stands around."""
-        T = forward_kinematics(observation.q)
+        T = forward_kinematics(observation.q, observation.arm)
         for height in np.arange(_SAFE_TOOL_M - T[2, 3], 0.0, -0.05):
             T_up = T.copy()
             T_up[2, 3] += height
             try:
-                line = straight_line(observation.q, T, T_up)
+                line = straight_line(observation.q, T, T_up, observation.arm)
             except MotionError:
                 continue
             return (yield from self.go(line, observation, opening=ROBOTIQ_2F_140.stroke))

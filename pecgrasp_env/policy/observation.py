@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from grasping import ROBOTIQ_2F_140, CloudError
 from grasping.cloud_files.depth_frame import checked_intrinsics
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.collision_spheres import TOOL, body, robot_spheres
 from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
@@ -38,7 +39,7 @@ class RobotObservation:
 
     take: takes the frame when it is first used. camera: T_base_camera (4, 4) where it is known otherwise than from the
     joint angles. knows_arm, knows_gripper: whether the joint angles and the opening are the robot's, so that it can be
-    told apart where it stands in the frame.
+    told apart where it stands in the frame. arm: whose joint angles these are.
     """
 
     q: np.ndarray
@@ -48,6 +49,7 @@ class RobotObservation:
     camera: np.ndarray | None = None
     knows_arm: bool = True
     knows_gripper: bool = True
+    arm: ArmLengths = UR5
 
     @cached_property
     def frame(self) -> DepthFrame:
@@ -57,14 +59,14 @@ class RobotObservation:
     @property
     def T_base_camera(self) -> np.ndarray:
         """From the joint angles and the bracket's calibration, as on a real robot, unless it is given."""
-        return forward_kinematics(self.q) @ T_TOOL0_CAMERA if self.camera is None else self.camera
+        return forward_kinematics(self.q, self.arm) @ T_TOOL0_CAMERA if self.camera is None else self.camera
 
     @property
     def T_tool0_camera(self) -> np.ndarray:
         """How the camera stands to the hand now, wherever it is mounted; the bracket's, where the arm is not known."""
         if self.camera is None or not self.knows_arm:
             return T_TOOL0_CAMERA
-        return np.linalg.inv(forward_kinematics(self.q)) @ self.camera
+        return np.linalg.inv(forward_kinematics(self.q, self.arm)) @ self.camera
 
     @property
     def robot(self) -> np.ndarray:
@@ -72,9 +74,11 @@ class RobotObservation:
 
         All of it; without the opening its arm; without the joint angles the hand, of a camera on the bracket.
         """
-        parts = body(self.opening)
+        parts = body(self.opening, self.arm)
         if self.knows_arm:
-            return robot_spheres(self.q, self.opening, self.T_base_camera)[self.knows_gripper | ~parts.gripper]
+            return robot_spheres(self.q, self.opening, self.T_base_camera, self.arm)[
+                self.knows_gripper | ~parts.gripper
+            ]
         on_bracket = robot_spheres(HOME, self.opening, forward_kinematics(HOME) @ T_TOOL0_CAMERA)
         return on_bracket[self.knows_gripper & (parts.frame == TOOL)]
 
@@ -121,6 +125,7 @@ def observation_of_frame(
     T_base_camera: ArrayLike,
     q: ArrayLike | None,
     opening: float | None,
+    arm: ArmLengths = UR5,
 ) -> RobotObservation:
     """The observation of one depth frame, of a camera anywhere, checked.
 
@@ -150,4 +155,4 @@ def observation_of_frame(
         raise ObservationError(f"opening={opening}: must be within 0 … {ROBOTIQ_2F_140.stroke} m")
     taken = DepthFrame(depth, intrinsics)
     known = {"knows_arm": q is not None, "knows_gripper": opening is not None}
-    return RobotObservation(joints, opening or 0.0, lambda: taken, camera=T, **known)
+    return RobotObservation(joints, opening or 0.0, lambda: taken, camera=T, arm=arm, **known)

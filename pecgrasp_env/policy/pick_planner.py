@@ -246,7 +246,7 @@ class PickPlanner:
                 approach, width = None, plan.best.width
             else:
                 try:
-                    approach = plan_approach(plan, points, others, plane, q)
+                    approach = plan_approach(plan, points, others, plane, q, view.observation.arm)
                 except MotionError as error:
                     return replace(planned, reason=f"no motion: {error}")
                 T_base_grasp, T_base_tool0 = approach.T_base_grasp, approach.T_base_tool0

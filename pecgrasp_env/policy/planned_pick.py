@@ -17,10 +17,10 @@ class PlannedPick:
 
     objects: what was seen, with the class probabilities of each. chosen: index of the one to pick up, or None. clears:
     that it is not the asked-for one but lies on it, and has to be put down beside first. plan: its grasps. approach:
-    joint paths of a UR5 with this project's gripper, where its joint angles were given. confidence: that the asked-for
-    object is of its class. reason: why there is no grasp or no path, or None. doubt: why the scene should be looked at
-    from another view before anything is touched, or before it is believed that the class is not there; None where what
-    was seen is enough. absent: nothing that was seen may be of the class.
+    joint paths of the arm with this project's gripper, where its joint angles were given. confidence: that the
+    asked-for object is of its class. reason: why there is no grasp or no path, or None. doubt: why the scene should be
+    looked at from another view before anything is touched, or before it is believed that the class is not there; None
+    where what was seen is enough. absent: nothing that was seen may be of the class.
     T_base_grasp: pads' centre, z the approach, x the closing direction, the fingertips clear of the table.
     T_base_tool0: the flange there at contact; at another opening the pads are there where the flange is
     `pad_depth(width) - pad_depth(opening)` in front of it, so draw it back while the hand closes. width, opening: m, at

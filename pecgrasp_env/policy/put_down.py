@@ -11,7 +11,8 @@ from scipy import ndimage
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.motion.clearance import Clearance
 from pecgrasp_env.motion.joint_path import MotionError, solutions_near, straight_line
-from pecgrasp_env.robot.kinematics import HOME, T_TOOL0_GRIPPER, UP, forward_kinematics
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
+from pecgrasp_env.robot.kinematics import T_TOOL0_GRIPPER, UP, forward_kinematics
 
 _CELL_M = 0.01
 _LEVEL_M = 0.008  # table, within the sensor's noise
@@ -34,7 +35,13 @@ class PutDown:
 
 
 def plan_put_down(
-    held: np.ndarray, q_closed: np.ndarray, q_now: np.ndarray, opening: float, seen: np.ndarray, plane: np.ndarray
+    held: np.ndarray,
+    q_closed: np.ndarray,
+    q_now: np.ndarray,
+    opening: float,
+    seen: np.ndarray,
+    plane: np.ndarray,
+    arm: ArmLengths = UR5,
 ) -> PutDown:
     """The nearest free place on the table, and the way there.
 
@@ -44,11 +51,12 @@ def plan_put_down(
         opening: with which it is held, m.
         seen: (K, 3) of everything that was seen, the table, too, and the held object where it lay.
         plane: the table (4,).
+        arm: which one it is.
 
     Raises:
         MotionError: there is no free place in reach.
     """
-    T_closed, T_now = forward_kinematics(q_closed), forward_kinematics(q_now)
+    T_closed, T_now = forward_kinematics(q_closed, arm), forward_kinematics(q_now, arm)
     middle = (held[:, :2].min(axis=0) + held[:, :2].max(axis=0)) / 2
     wide = min(opening + _RELEASE_M, ROBOTIQ_2F_140.stroke)
     footprint = np.concatenate([held[:, :2], _tips(T_closed, wide)[:, :2]]) - middle
@@ -57,16 +65,16 @@ def plan_put_down(
     lowest = float(np.quantile(held @ plane[:3] + plane[3], 0.02))
     descent = min(lowest, float((_tips(T_closed, opening) @ plane[:3]).min() + plane[3])) - _DROP_M
     others = seen[height > _LEVEL_M]
-    clearance = Clearance(np.zeros((0, 3)), others, plane)
+    clearance = Clearance(np.zeros((0, 3)), others, plane, arm)
     problem: MotionError | None = None
-    for place in _nearest(free_places(seen, height, footprint), T_now[:2, 3], T_closed[:2, 3] - middle):
+    for place in _nearest(free_places(seen, height, footprint), T_now[:2, 3], T_closed[:2, 3] - middle, arm.share):
         T_down = T_closed.copy()
         T_down[:3, 3] += np.append(place - middle, 0.0) - descent * UP
         T_over = T_down.copy()
         T_over[2, 3] = T_now[2, 3]
-        for q_over in list(solutions_near(T_over, HOME, q_now))[:2]:
+        for q_over in list(solutions_near(T_over, q_now, arm))[:2]:
             try:
-                down = straight_line(q_over, T_over, T_down)
+                down = straight_line(q_over, T_over, T_down, arm)
                 trouble = clearance.trouble_at_object(down, wide, tight=False)
                 if trouble is not None:
                     raise MotionError(trouble)
@@ -101,10 +109,12 @@ def free_places(seen: np.ndarray, height: np.ndarray, footprint: np.ndarray) -> 
     return (places + corner - 0.5) * _CELL_M
 
 
-def _nearest(places: np.ndarray, to: np.ndarray, hand: np.ndarray) -> Iterator[np.ndarray]:
-    """Those within the arm's reach, the nearest first and no two near each other; hand: (2,) from place to hand."""
+def _nearest(places: np.ndarray, to: np.ndarray, hand: np.ndarray, share: float) -> Iterator[np.ndarray]:
+    """Those within the arm's reach, the nearest first and no two near each other; hand: (2,) from place to hand.
+    share: of the UR5's reach.
+    """
     distance = np.linalg.norm(places + hand, axis=1)
-    places = places[(distance >= _REACH_M[0]) & (distance <= _REACH_M[1])]
+    places = places[(distance >= share * _REACH_M[0]) & (distance <= share * _REACH_M[1])]
     given: list[np.ndarray] = []
     for place in places[np.argsort(np.linalg.norm(places + hand - to, axis=1), kind="stable")]:
         if len(given) < _PLACES and all(np.linalg.norm(place - other) >= _APART_M for other in given):

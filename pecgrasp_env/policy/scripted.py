@@ -28,6 +28,7 @@ from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.put_down import plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject
 from pecgrasp_env.policy.viewpoints import look_postures, posture_above, posture_beside
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, UP
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
@@ -59,8 +60,9 @@ class ScriptedPolicy:
             asked-for class is there, which is when it has looked from all its places and nothing may be it; else -1.
         T_tool0_camera: (4, 4), how the camera is mounted, from a calibration (`pecgrasp_env.robot.camera_mount`), for
             the postures from which it looks; the default is this project's bracket.
-        look_from: joint angles (6,) of other postures to look in, such as `viewpoints.ASIDE` for a camera that stands
+        look_from: joint angles (6,) of other postures to look in, such as `viewpoints.aside()` for a camera that stands
             beside the robot.
+        arm: which arm it is for; its observations say so, too.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class ScriptedPolicy:
         answers: bool = False,
         T_tool0_camera: ArrayLike = T_TOOL0_CAMERA,
         look_from: Sequence[np.ndarray] | None = None,
+        arm: ArmLengths = UR5,
     ) -> None:
         if not 0 < min_confidence <= 1:
             raise ValueError(f"min_confidence={min_confidence}: must be in (0, 1]")
@@ -91,7 +94,8 @@ class ScriptedPolicy:
         self.answers = answers
         self.T_tool0_camera = np.asarray(T_tool0_camera, float)
         self._goes_round = look_from is None  # the hand carries the camera
-        self._look_from = look_postures(self.T_tool0_camera) if look_from is None else tuple(look_from)
+        self._look_from = look_postures(self.T_tool0_camera, arm) if look_from is None else tuple(look_from)
+        self.arm_lengths = arm
         self.log = PolicyLog()
         self._target: str | None = None
         self._steps: Steps | None = None
@@ -160,7 +164,7 @@ class ScriptedPolicy:
             intrinsics: of the camera.
             T_base_camera: (4, 4), camera frame (OpenCV) into the robot's base frame, whose z axis points up.
             target: the class that is asked for.
-            q: (6,) rad, where a UR5 is now; with it the joint paths are planned, too, and its arm is cut out of the
+            q: (6,) rad, where the arm is now; with it the joint paths are planned, too, and the arm is cut out of the
                 frame, wherever the camera stands.
             opening: m, of its 2F-140, which is then cut out as well; without q, of one that carries the camera as this
                 project's bracket does. None: the frame shows no gripper.
@@ -168,7 +172,7 @@ class ScriptedPolicy:
 
         Raises ObservationError for a frame, a pose or joint angles of the wrong shape, ValueError as `reset` does.
         """
-        observation = observation_of_frame(depth, intrinsics, T_base_camera, q, opening)
+        observation = observation_of_frame(depth, intrinsics, T_base_camera, q, opening, self.arm_lengths)
         self.reset(target)
         pick_planner = self._pick_planner(target)
         known = [] if before is None else [replace(seen, evidence=list(seen.evidence)) for seen in before.objects]
@@ -257,12 +261,12 @@ class ScriptedPolicy:
                 # Below what hides it: from the other side, then from beside.
                 turn = np.deg2rad((180.0, 90.0, 270.0)[k - 1])
                 c, s = np.cos(turn), np.sin(turn)
-                q = posture_beside(place, np.array([[c, -s], [s, c]]) @ hides, self.T_tool0_camera)
+                q = posture_beside(place, np.array([[c, -s], [s, c]]) @ hides, self.T_tool0_camera, self.arm_lengths)
                 if q is not None:
                     return q
             if k == 1:
                 # From straight above, nothing hides behind its neighbours.
-                return posture_above(place, k, self.T_tool0_camera)
+                return posture_above(place, k, self.T_tool0_camera, self.arm_lengths)
             k -= 1  # askew, what touches has a jump between, and another side says more of the class than the same one
         return self._look_from[(len(self.log.failures) + k) % len(self._look_from)]
 
@@ -274,7 +278,7 @@ class ScriptedPolicy:
         plane = np.append(UP, 0.0) if views[-1].plane is None else views[-1].plane
         seen = np.concatenate([view.surface for view in views])
         try:
-            way = plan_put_down(held.points, lift[0], observation.q, observation.opening, seen, plane)
+            way = plan_put_down(held.points, lift[0], observation.q, observation.opening, seen, plane, self.arm_lengths)
         except MotionError as error:
             observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
             return f"no place to put down what lies on it: {error}", observation
@@ -285,13 +289,14 @@ class ScriptedPolicy:
         self.log.cleared += 1
         return None, observation
 
-    @staticmethod
-    def _path(objects: list[SeenObject], view: View | None, q_start: np.ndarray, q_goal: np.ndarray) -> np.ndarray:
+    def _path(
+        self, objects: list[SeenObject], view: View | None, q_start: np.ndarray, q_goal: np.ndarray
+    ) -> np.ndarray:
         """From one view to another past what was seen; straight where nothing was."""
         if view is None:
             return np.stack([q_start, q_goal])
         seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
-        return path_past(seen, view.plane, q_start, q_goal)
+        return path_past(seen, view.plane, q_start, q_goal, self.arm_lengths)
 
     def _pick(self, arm: ArmSteps, approach: Approach, observation: RobotObservation) -> Steps:
         """Go there, close, lift. Returns why it failed, or None, the joint path (K, 6) of the lift, and the last

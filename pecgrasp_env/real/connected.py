@@ -27,8 +27,6 @@ def connected(settings: Mapping[str, Any], speed: float = JOINT_SPEED) -> Iterat
     and what `URArm` raises.
     """
     model = URModel.from_mapping(settings["robot"])
-    if not model.plans:
-        raise SettingError(f"robot={model.name}: motions are planned for a UR5's lengths; look and plan with others")
     payload = (float(settings["payload"]), tuple(settings["payload_centre"]))
     arm = URArm(settings["host"], model, speed=speed, payload=payload, patience=settings["patience"])
     try:

@@ -36,6 +36,10 @@ class JointLimit(RobotError):
     """A commanded joint angle is outside of what the arm can do. Nothing was sent."""
 
 
+class WrongArm(RobotError):
+    """The arm is of another type than was said: nothing planned for that type is true of it."""
+
+
 class SpeedLimit(RobotError):
     """A speed, acceleration or force outside of what the device can do was asked for. Nothing was sent."""
 

@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from pecgrasp_env.robot.arm_lengths import ArmLengths
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 
@@ -51,7 +52,11 @@ class Motion(Protocol):
 
 @runtime_checkable
 class Arm(Protocol):
-    """Six joints. ``speed`` and ``acceleration``: the most that any motion uses of a joint, rad/s and rad/s²."""
+    """Six joints. ``lengths``: by which joint angles are poses. ``speed`` and ``acceleration``: the most that any
+    motion uses of a joint, rad/s and rad/s².
+    """
+
+    lengths: ArmLengths
 
     speed: float
     acceleration: float

@@ -50,7 +50,7 @@ class LiveView:
 
     def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None:
         """Where the hand is, and what the policy is about."""
-        T = forward_kinematics(observation.q) @ T_TOOL0_GRIPPER
+        T = forward_kinematics(observation.q, observation.arm) @ T_TOOL0_GRIPPER
         self._pose("/hand", T)
         if self._of is None:
             return
@@ -63,7 +63,7 @@ class LiveView:
         way = self._of.way
         if way is not None and way is not self._way:
             self._way = way
-            self._line(tips_along(way, observation.opening))
+            self._line(tips_along(way, observation.opening, observation.arm))
         if log.grasp is not None:
             self._pose("/grasp", log.grasp.pose)
 

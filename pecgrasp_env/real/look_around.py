@@ -36,19 +36,19 @@ def look_around(
     segmenter = Segmenter() if segmenter is None else segmenter
 
     def go(path: np.ndarray, doing: str) -> RobotObservation:
-        workspace.check_path(path, sight.observe().opening)
+        workspace.check_path(path, sight.observe().opening, arm.lengths)
         if not agrees(doing):
             raise Declined(f"stopped before {doing!r}, as was wished")
         arm.move_joints(path[1:]).wait(_PATIENCE_S)
         return sight.observe()
 
-    start = look_postures(T_tool0_camera)[0]
+    start = look_postures(T_tool0_camera, arm.lengths)[0]
     view = look(go(np.stack([arm.state.q, start]), "looking, view 1"), segmenter)
     yield view
     place = view.objects[0].centroid if len(view.objects) == 1 else None
     if place is None:
         return
     seen = np.concatenate([view.obstacles, view.objects[0].points])
-    for k, posture in enumerate(postures_around(place, count - 1, T_tool0_camera), start=2):
-        path = path_past(seen, view.plane, arm.state.q, posture)
+    for k, posture in enumerate(postures_around(place, count - 1, T_tool0_camera, arm.lengths), start=2):
+        path = path_past(seen, view.plane, arm.state.q, posture, arm.lengths)
         yield look(go(path, f"looking, view {k}"), segmenter)

@@ -9,6 +9,7 @@ import numpy as np
 from grasping import ROBOTIQ_2F_140, Grasp
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.seen_objects import SeenObject
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.kinematics import T_TOOL0_GRIPPER, forward_kinematics
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics, deproject
 
@@ -33,14 +34,14 @@ def words_of(objects: Sequence[SeenObject]) -> list[str]:
     return words
 
 
-def tips_along(path: np.ndarray, opening: float) -> np.ndarray:
+def tips_along(path: np.ndarray, opening: float, arm: ArmLengths = UR5) -> np.ndarray:
     """(N, 3) m, base frame: the middle between the fingertips along joint waypoints (K, 6), rad, at an opening, m."""
     steps = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
     at = np.concatenate([[0.0], np.cumsum(steps)])
     places = np.linspace(0.0, at[-1], 2 + int(at[-1] / _BETWEEN_RAD))
     dense = np.stack([np.interp(places, at, joint) for joint in path.T], axis=1)
     tip = np.array([0.0, 0.0, float(ROBOTIQ_2F_140.pad_depth(opening)) + ROBOTIQ_2F_140.pad_length / 2, 1.0])
-    return np.array([(forward_kinematics(q) @ T_TOOL0_GRIPPER @ tip)[:3] for q in dense])
+    return np.array([(forward_kinematics(q, arm) @ T_TOOL0_GRIPPER @ tip)[:3] for q in dense])
 
 
 def chosen_grasp(pick: PlannedPick) -> Grasp | None:
@@ -57,4 +58,4 @@ def planned_way(pick: PlannedPick) -> np.ndarray:
         return np.empty((0, 3))
     approach = pick.approach
     path = np.concatenate([approach.to_pregrasp, approach.to_grasp, approach.to_lift])
-    return tips_along(path, approach.opening)
+    return tips_along(path, approach.opening, approach.arm)

@@ -16,6 +16,7 @@ from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.real.pick_drawing import chosen_grasp, planned_way, scene_points, tips_along, words_of
 from pecgrasp_env.real.pick_record import decision_of, lines_of, plan_again
+from pecgrasp_env.robot.arm_lengths import ArmLengths
 from pecgrasp_env.robot.kinematics import UP
 
 _CHOSEN_RGB, _WAY_RGB = (20, 160, 140), (214, 60, 60)
@@ -47,7 +48,7 @@ def write_pick_page(
         {"doing": doing or "waiting", "steps": len(group), "opening": group[-1]["opening"]}
         for doing, group in ((doing, list(group)) for doing, group in groupby(steps, lambda step: step["doing"]))
     ]
-    way = _way_figure(steps, cloud) if len(steps) > 1 else ""
+    way = _way_figure(steps, cloud, policy.arm_lengths) if len(steps) > 1 else ""
     body = (
         templates("pecgrasp_env.real")
         .get_template("pick.html")
@@ -77,11 +78,11 @@ def _figure(pick: PlannedPick, cloud: np.ndarray) -> str:
     return fragment(None, cloud, layers=layers, up=UP, max_points=_POINTS)
 
 
-def _way_figure(steps: list[dict[str, Any]], cloud: np.ndarray) -> str:
+def _way_figure(steps: list[dict[str, Any]], cloud: np.ndarray, arm: ArmLengths) -> str:
     layers = []
     for k, (doing, group) in enumerate(groupby(steps, lambda step: step["doing"])):
         moments = list(group)
-        points = np.concatenate([tips_along(np.array([step["q"]]), step["opening"])[:1] for step in moments])
+        points = np.concatenate([tips_along(np.array([step["q"]]), step["opening"], arm)[:1] for step in moments])
         layers.append(Layer(points, doing or "waiting", rgb=_OTHERS_RGB[k % len(_OTHERS_RGB)]))
     return fragment(None, cloud, layers=layers, up=UP, max_points=_POINTS)
 

@@ -1,7 +1,7 @@
 """A pick as a folder: every frame, what was made of it, every step, and how it ended; and the same planned again.
 
-settings.json what the run was started with · frames/000.npz depth (m), K, T_base_camera, q, opening ·
-decisions.jsonl one line a frame · steps.jsonl one line a step · outcome.json
+settings.json what the run was started with, and the arm's measured lengths · frames/000.npz depth (m), K,
+T_base_camera, q, opening · decisions.jsonl one line a frame · steps.jsonl one line a step · outcome.json
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.real.camera.recorded import intrinsics_of_stored, stored_K
 from pecgrasp_env.real.errors import RobotError
 from pecgrasp_env.real.pick import PickOutcome
+from pecgrasp_env.real.ur_models import UR5, URModel
+from pecgrasp_env.robot.arm_lengths import ArmLengths
 
 
 class RecordError(RobotError, ValueError):
@@ -136,6 +138,19 @@ def recorded_settings(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise RecordError(f"{folder}/settings.json: {error}; a folder that pecgrasp pick has left?") from error
     return settings
+
+
+def recorded_arm(folder: Path) -> ArmLengths:
+    """The arm with which the run was made; a UR5 where it does not say. Raises RecordError."""
+    settings = recorded_settings(folder)
+    if "robot" not in settings:
+        return UR5.lengths
+    try:
+        model = URModel.from_mapping({"footprint": UR5.footprint} | settings["robot"])  # of older runs
+        measured = settings.get("measured_lengths")
+        return model.lengths.with_measured(None if measured is None else np.array(measured, float).reshape(6, 4))
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordError(f"{folder}/settings.json: robot: {error}") from error
 
 
 def plan_again(folder: Path, policy: ScriptedPolicy, target: str) -> Iterator[tuple[dict[str, Any], PlannedPick]]:

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.policy.viewpoints import ASIDE
+from pecgrasp_env.policy.viewpoints import aside
 from pecgrasp_env.real.connected import Agreement, SettingError, connected, mount_of_setting, workspace_of
 from pecgrasp_env.real.interfaces import DepthCamera
 from pecgrasp_env.real.live_view import LiveView
 from pecgrasp_env.real.pick import STEP_S, Picker, Record, Records
 from pecgrasp_env.real.pick_page import write_pick_page
 from pecgrasp_env.real.pick_record import PickRecord, decision_of, lines_of, recorded_settings
+from pecgrasp_env.real.ur_measured import words_of
 
 Say = Callable[[str], None]
 
@@ -31,31 +32,44 @@ def run_pick(
     """
     agreement = Agreement(settings["confirm"], ask)
     workspace, mount = workspace_of(settings["workspace"]), mount_of_setting(settings["calibration"])
-    looks: dict[str, Any] = {"look_from": ASIDE} if mount.parent == "base" else {"T_tool0_camera": mount.T}
-    policy = ScriptedPolicy(classifier, planner, control_dt=STEP_S * settings["speed"], **looks, **settings["policy"])
-    with view_of(settings, policy, say) as view, connected(settings) as (arm, gripper):
-        record = PickRecord(Path(settings["output"]), settings)
-        records: Record = record if view is None else Records(record, view)
-        picker = Picker(
-            arm,
-            gripper,
-            camera,
-            policy,
-            workspace,
-            speed=settings["speed"],
-            ask=None if settings["confirm"] == "no" else agreement.agrees,
-            record=records,
-            mount=mount,
+    with connected(settings) as (arm, gripper):
+        say(words_of(arm.lengths))
+        looks: dict[str, Any] = {"T_tool0_camera": mount.T}
+        if mount.parent == "base":
+            looks = {"look_from": aside(arm.lengths)}
+        policy = ScriptedPolicy(
+            classifier,
+            planner,
+            control_dt=STEP_S * settings["speed"],
+            arm=arm.lengths,
+            **looks,
+            **settings["policy"],
         )
-        good = (
-            _look(picker, policy, record, settings["target"], say, view)
-            if settings["dry_run"]
-            else _pick(picker, policy, record, settings["target"], say)
-        )
-        write_pick_page(record.folder, policy, settings["target"])
-        say(f"all of it in {record.folder}; to look at: pick.html")
-        if view is not None:
-            ask(f"close the view at {view.address}")
+        with view_of(settings, policy, say) as view:
+            measured = arm.lengths.measured
+            told = {"measured_lengths": None if measured is None else measured.tolist()}
+            record = PickRecord(Path(settings["output"]), settings | told)
+            records: Record = record if view is None else Records(record, view)
+            picker = Picker(
+                arm,
+                gripper,
+                camera,
+                policy,
+                workspace,
+                speed=settings["speed"],
+                ask=None if settings["confirm"] == "no" else agreement.agrees,
+                record=records,
+                mount=mount,
+            )
+            good = (
+                _look(picker, policy, record, settings["target"], say, view)
+                if settings["dry_run"]
+                else _pick(picker, policy, record, settings["target"], say)
+            )
+            write_pick_page(record.folder, policy, settings["target"])
+            say(f"all of it in {record.folder}; to look at: pick.html")
+            if view is not None:
+                ask(f"close the view at {view.address}")
     return good
 
 

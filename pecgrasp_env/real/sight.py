@@ -35,7 +35,9 @@ class Sight:
         """This moment; the frame is taken when it is looked at."""
         q = self._arm.state.q
         opening = float(np.clip(self._gripper.width, 0.0, STROKE))
-        observation = RobotObservation(q, opening, lambda: self._take(observation), camera=self._mount.T_base_camera(q))
+        arm = self._arm.lengths
+        camera = self._mount.T_base_camera(q, arm)
+        observation = RobotObservation(q, opening, lambda: self._take(observation), camera=camera, arm=arm)
         return observation
 
     def _take(self, observation: RobotObservation) -> DepthFrame:

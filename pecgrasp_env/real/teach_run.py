@@ -17,6 +17,7 @@ from pecgrasp_env.real.look_around import look_around
 from pecgrasp_env.real.pick_record import write_frame
 from pecgrasp_env.real.sight import Sight
 from pecgrasp_env.real.teach import Lesson, Shown, check_name, images_of, shown_in_image, shown_in_view, teach
+from pecgrasp_env.real.ur_measured import words_of
 
 Say = Callable[[str], None]
 VIEWS = ("arm", "manual", "frames")
@@ -55,7 +56,7 @@ def run_teach(
         say(f"learning them together with the clouds of {origin.run}, which takes some minutes")
         return origin.learn(name, clouds)
 
-    views = _said(by(settings, camera, classifier.n_points, ask), say)
+    views = _said(by(settings, camera, classifier.n_points, ask, say), say)
     lesson = teach(classifier, name, views, least, learn)
     lesson.classifier.save(output / "checkpoint")
     results: dict[str, Any] = {
@@ -97,7 +98,7 @@ def _said(views: Iterator[Shown], say: Say) -> Iterator[Shown]:
 
 
 def _by_arm(
-    settings: dict[str, Any], camera: DepthCamera, n_points: int, ask: Callable[[str], bool]
+    settings: dict[str, Any], camera: DepthCamera, n_points: int, ask: Callable[[str], bool], say: Say
 ) -> Iterator[Shown]:
     """As often as `lays` says it is looked at from around; in between somebody lays it on another side."""
     mount = mount_of_setting(settings["calibration"])
@@ -107,6 +108,7 @@ def _by_arm(
     frames = _numbered(Path(settings["output"]))
     lays = int(settings["lays"])
     with connected(settings, JOINT_SPEED * settings["speed"]) as (arm, gripper):
+        say(words_of(arm.lengths))
         sight = Sight(arm, gripper, camera, mount, lambda seen, frame: write_frame(next(frames), seen, frame))
         for lay in range(lays):
             if lay and not ask(f"lay the {settings['name']} on another side, then go on"):
@@ -117,7 +119,7 @@ def _by_arm(
 
 
 def _by_hand(
-    settings: dict[str, Any], camera: DepthCamera, n_points: int, ask: Callable[[str], bool]
+    settings: dict[str, Any], camera: DepthCamera, n_points: int, ask: Callable[[str], bool], say: Say
 ) -> Iterator[Shown]:
     frames = _numbered(Path(settings["output"]))
     for number in range(1, settings["count"] + 1):
@@ -131,7 +133,7 @@ def _by_hand(
 
 
 def _by_frames(
-    settings: dict[str, Any], camera: DepthCamera, n_points: int, ask: Callable[[str], bool]
+    settings: dict[str, Any], camera: DepthCamera, n_points: int, ask: Callable[[str], bool], say: Say
 ) -> Iterator[Shown]:
     """All that a folder or a bag holds; it is not copied."""
     for image in images_of(camera):

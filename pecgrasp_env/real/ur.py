@@ -25,6 +25,7 @@ from pecgrasp_env.motion.trajectory import JOINT_ACCELERATION, JOINT_SPEED
 from pecgrasp_env.real import errors
 from pecgrasp_env.real.errors import ConnectionLost, JointLimit, MissingExtra, MotionTimeout, RobotError, SpeedLimit
 from pecgrasp_env.real.interfaces import ArmState
+from pecgrasp_env.real.ur_measured import lengths_of
 from pecgrasp_env.real.ur_models import UR5, URModel
 from pecgrasp_env.robot.kinematics import forward_kinematics
 
@@ -74,7 +75,8 @@ class URArm:
         payload: mass of gripper and what it may hold, kg, and (3,) its centre in tool0, m.
         patience: s of our clock that the controller's may stand still before the connection counts as lost.
 
-    Raises ConnectionLost, NotInRemoteControl, ProtectiveStop, EmergencyStop, SpeedLimit, MissingExtra.
+    `lengths` are those that the controller tells of its own arm. Raises ConnectionLost, WrongArm, NotInRemoteControl,
+    ProtectiveStop, EmergencyStop, SpeedLimit, MissingExtra.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class URArm:
             raise MissingExtra("ur_rtde is not installed: pip install 'pecgrasp[ur]'")
         self.host, self.model, self.speed, self.acceleration = host, model, speed, acceleration
         self._payload, self._patience = payload, patience
+        self.lengths = lengths_of(host, model, patience)
         self._start(unlock=False)
 
     # ------------------------------------------------------------ for users
@@ -123,10 +126,8 @@ class URArm:
 
     def move_linear(self, T_base_tool0: np.ndarray) -> URMotion:
         """The flange in a straight line, turning evenly. Raises MotionError where the arm cannot."""
-        if not self.model.plans:
-            raise NotImplementedError(f"straight lines are planned for the UR5's lengths, not for {self.model.name}'s")
-        q = self.state.q
-        return self.move_joints(straight_line(q, forward_kinematics(q), np.asarray(T_base_tool0, float))[1:])
+        q, arm = self.state.q, self.lengths
+        return self.move_joints(straight_line(q, forward_kinematics(q, arm), np.asarray(T_base_tool0, float), arm)[1:])
 
     def follow(self, q: np.ndarray, duration: float) -> URMotion:
         """Evenly to joint angles (6,) within ``duration`` s, or as much later as `speed` makes necessary."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from pecgrasp_env.robot.kinematics import DH, JOINT_LIMITS
+from pecgrasp_env.robot import arm_lengths
+from pecgrasp_env.robot.arm_lengths import ArmLengths
 
 _SERIES = ("CB3", "e-Series")
 
@@ -19,7 +21,7 @@ class URModel:
 
     name: as the dashboard calls it. series: of its controller, "CB3" or "e-Series". dh: (6, 3) a, d [m] and alpha [rad]
     of each joint, standard Denavit-Hartenberg, from Universal Robots' public tables. limits: (6, 2) rad. max_speed:
-    (6,) rad/s. max_payload: kg, gripper included.
+    (6,) rad/s. max_payload: kg, gripper included. footprint: m, diameter of its base.
     """
 
     name: str
@@ -28,6 +30,7 @@ class URModel:
     limits: np.ndarray
     max_speed: np.ndarray
     max_payload: float
+    footprint: float
 
     def __post_init__(self) -> None:
         if self.series not in _SERIES:
@@ -37,6 +40,7 @@ class URModel:
             if value.shape != shape or not np.isfinite(value).all():
                 raise ValueError(f"robot.{name}: must be {shape} finite numbers, got {value.tolist()}")
             object.__setattr__(self, name, value)
+        _ = self.lengths  # an error about them comes now
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> URModel:
@@ -46,18 +50,21 @@ class URModel:
             raise ValueError(f"robot.{sorted(missing)[0]} is missing")
         return cls(**{name: mapping[name] for name in names})
 
-    @property
-    def plans(self) -> bool:
-        """Whether this project's inverse kinematics and collision check are for this arm's lengths."""
-        return np.allclose(self.dh, DH, atol=1e-9)
-
-    def forward_kinematics(self, q: np.ndarray) -> np.ndarray:
-        """T_base_tool0 (4, 4) at joint angles (6,), rad; the base frame is that of `robot.kinematics`."""
-        T = np.diag([-1.0, -1.0, 1.0, 1.0])
-        for angle, (a, d, alpha) in zip(np.asarray(q, float), self.dh, strict=True):
-            c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-            T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
-        return T
+    @cached_property
+    def lengths(self) -> ArmLengths:
+        """With which it is planned and moved."""
+        try:
+            return ArmLengths(self.dh, self.limits, self.footprint)
+        except ValueError as error:
+            raise ValueError(f"robot.{error}") from error
 
 
-UR5 = URModel("UR5", "CB3", DH, JOINT_LIMITS, np.full(6, np.pi), 5.0)
+UR5 = URModel(
+    "UR5",
+    "CB3",
+    arm_lengths.DH,
+    arm_lengths.JOINT_LIMITS,
+    np.full(6, np.pi),
+    max_payload=5.0,
+    footprint=arm_lengths.UR5.footprint,
+)

@@ -9,6 +9,7 @@ import numpy as np
 
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.real.errors import RobotError
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.kinematics import T_TOOL0_GRIPPER, forward_kinematics
 
 _CHECKED_RAD = 0.05  # between two postures of a path that are looked up
@@ -30,9 +31,11 @@ class Workspace:
     table: float = 0.0
     max_force: float = 125.0
 
-    def check(self, q: np.ndarray, opening: float) -> None:
-        """Raises OutsideWorkspace, which says what is where, for joint angles (6,), rad, and a measured opening, m."""
-        points = hand_points(np.asarray(q, float), opening)
+    def check(self, q: np.ndarray, opening: float, arm: ArmLengths = UR5) -> None:
+        """Raises OutsideWorkspace, which says what is where, for joint angles (6,), rad, of an arm, and a measured
+        opening, m.
+        """
+        points = hand_points(np.asarray(q, float), opening, arm)
         low, high = np.array(self.low), np.array(self.high)
         for name, point in zip(("flange", *["fingertip"] * 4), points, strict=True):
             outside = (point < low) | (point > high)
@@ -44,18 +47,18 @@ class Workspace:
         if lowest < self.table - _TIP_SLACK_M:
             raise OutsideWorkspace(f"a fingertip would be at z = {lowest:.3f} m, below the table at {self.table} m")
 
-    def check_path(self, path: np.ndarray, opening: float) -> None:
+    def check_path(self, path: np.ndarray, opening: float, arm: ArmLengths = UR5) -> None:
         """`check` all along joint waypoints (K, 6), rad, the hand at an opening, m."""
-        self.check(path[0], opening)
+        self.check(path[0], opening, arm)
         for start, end in pairwise(path):
             steps = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED_RAD)))
             for share in np.linspace(0, 1, steps + 1)[1:]:
-                self.check(start + share * (end - start), opening)
+                self.check(start + share * (end - start), opening, arm)
 
 
-def hand_points(q: np.ndarray, opening: float) -> np.ndarray:
+def hand_points(q: np.ndarray, opening: float, arm: ArmLengths = UR5) -> np.ndarray:
     """(5, 3) m, base frame: the flange, and the four inner corners of the pads' tips."""
-    hand, T = ROBOTIQ_2F_140, forward_kinematics(q)
+    hand, T = ROBOTIQ_2F_140, forward_kinematics(q, arm)
     y, z = opening / 2, float(hand.pad_depth(opening)) + hand.pad_length / 2
     x = hand.finger_width / 2
     tips = np.array([[sx * x, sy * y, z, 1.0] for sx in (-1, 1) for sy in (-1, 1)])

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
 
 PARENTS = ("tool0", "base")
@@ -34,9 +35,9 @@ class CameraMount:
     parent: str
     T: np.ndarray
 
-    def T_base_camera(self, q: np.ndarray) -> np.ndarray:
+    def T_base_camera(self, q: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray:
         """(4, 4) with the arm at joint angles (6,), rad."""
-        return self.T if self.parent == "base" else forward_kinematics(q) @ self.T
+        return self.T if self.parent == "base" else forward_kinematics(q, arm) @ self.T
 
 
 BRACKET = CameraMount("tool0", T_TOOL0_CAMERA)

@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pecgrasp_env.robot import gripper_linkage as lk
-from pecgrasp_env.robot.kinematics import COUPLER, JOINT_LIMITS, T_TOOL0_CAMERA, T_TOOL0_GRIPPER, T_TOOL0_TCP
+from pecgrasp_env.robot.arm_lengths import JOINT_LIMITS
+from pecgrasp_env.robot.kinematics import COUPLER, T_TOOL0_CAMERA, T_TOOL0_GRIPPER, T_TOOL0_TCP
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)

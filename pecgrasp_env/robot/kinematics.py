@@ -1,37 +1,28 @@
-"""Forward and analytic inverse kinematics of the UR5, and where tool0 must be for a grasp. NumPy only.
+"""Forward and analytic inverse kinematics of a UR, and where tool0 must be for a grasp. NumPy only.
 
 Frames: `base_link` is the robot's URDF base, turned by π about z against the DH base frame; `tool0` is the flange.
 All transforms are (4, 4) float64, metres; joint vectors are (6,) float64, radians, shoulder pan first.
-The DH table is Universal Robots' (CB3 UR5); the closed form follows Hawkins, "Analytic inverse kinematics for the
-Universal Robots UR-5/UR-10 arms" (2013), with arctangents in place of arc cosines where these lose digits.
+The closed form follows Hawkins, "Analytic inverse kinematics for the Universal Robots UR-5/UR-10 arms" (2013), with
+arctangents in place of arc cosines where these lose digits. Of a measured arm (`ArmLengths.measured`) it is where
+Newton's method begins.
 """
 
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 
 from pecgrasp_env.robot import gripper_linkage as linkage
-
-# a (m), d (m), alpha (rad): standard Denavit-Hartenberg
-DH = np.array(
-    [
-        [0.0, 0.089159, np.pi / 2],
-        [-0.42500, 0.0, 0.0],
-        [-0.39225, 0.0, 0.0],
-        [0.0, 0.10915, np.pi / 2],
-        [0.0, 0.09465, -np.pi / 2],
-        [0.0, 0.0823, 0.0],
-    ]
-)
-# The elbow could turn ±2π too; ±π is the usual choice for planning and loses no pose.
-JOINT_LIMITS = np.array([[-2 * np.pi, 2 * np.pi]] * 2 + [[-np.pi, np.pi]] + [[-2 * np.pi, 2 * np.pi]] * 3)
+from pecgrasp_env.robot.arm_lengths import DH, UR5, ArmLengths
+from pecgrasp_env.robot.measured_arm import frames, refined
 
 # Camera 0.55 m above (0.5, 0) of the table, looking straight down, image up = away from the robot.
 UP = np.array([0.0, 0.0, 1.0])  # of the base frame
 HOME = np.array([-0.291338, -1.757533, 1.279259, -1.092523, -np.pi / 2, -0.291338])
 HOME.setflags(write=False)
+_LEAST_HEIGHT = 0.7  # of a smaller arm's hand over the table, times the UR5's: the camera must not come too near
 
 COUPLER = 0.006  # m, thickness of the plate between the flange and the gripper
 
@@ -52,31 +43,48 @@ T_TOOL0_CAMERA = _transform([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (0, -0.120, 0.055
 # The fixed tool centre point, in grasp axes (x closing, z approach): the pads' centre of the closed gripper.
 T_TOOL0_TCP = _transform([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (0, 0, COUPLER + float(linkage.pad_depth(0.0))))
 
-_A2, _A3 = DH[1, 0], DH[2, 0]
-_D1, _D4, _D5, _D6 = DH[0, 1], DH[3, 1], DH[4, 1], DH[5, 1]
 _T_BASE_DH = np.diag([-1.0, -1.0, 1.0, 1.0])
 _WRIST_SINGULAR = 1e-7  # |sin q5| below which joints 4 and 6 turn about one line
 _REACH_TOLERANCE = 1e-9  # on a cosine: a pose of a stretched arm may round to just outside
 
 
-def _link_transform(joint: int, angle: float) -> np.ndarray:
-    a, d, alpha = DH[joint]
+def _link_transform(joint: int, angle: float, arm: ArmLengths) -> np.ndarray:
+    a, d, alpha = arm.dh[joint]
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
 
 
-def forward_kinematics(q: np.ndarray) -> np.ndarray:
+def forward_kinematics(q: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray:
     """T_base_tool0 (4, 4) at joint angles `q` (6,)."""
     q = np.asarray(q, dtype=float)
     if q.shape != (6,):
         raise ValueError(f"q must have shape (6,), got {q.shape}")
+    if arm.measured is not None:
+        return np.array(frames(q, arm.measured)[-1])
     T = _T_BASE_DH.copy()
     for joint, angle in enumerate(q):
-        T = T @ _link_transform(joint, angle)
+        T = T @ _link_transform(joint, angle, arm)
     return T
 
 
-def inverse_kinematics(T_base_tool0: np.ndarray, q6_if_free: float = 0.0) -> np.ndarray:
+@lru_cache(maxsize=16)
+def home(arm: ArmLengths = UR5) -> np.ndarray:
+    """Joint angles (6,) from which an arm looks down at the middle of the table, as the UR5 does at HOME; nearer to it
+    and to the base by its `share`. Raises ValueError for an arm that is too small for that.
+    """
+    if np.array_equal(arm.dh, DH):
+        return HOME
+    T = forward_kinematics(HOME)
+    T[:3, 3] *= (arm.share, arm.share, max(arm.share, _LEAST_HEIGHT))
+    postures = inverse_kinematics(T, arm=arm.with_measured(None))
+    if not len(postures):
+        raise ValueError(f"an arm with lengths (a, d, alpha) {arm.dh.tolist()} cannot look down at the table")
+    q = postures[np.abs((postures - HOME + np.pi) % (2 * np.pi) - np.pi).sum(axis=1).argmin()]
+    q.setflags(write=False)
+    return q
+
+
+def inverse_kinematics(T_base_tool0: np.ndarray, q6_if_free: float = 0.0, arm: ArmLengths = UR5) -> np.ndarray:
     """Every posture that puts tool0 at `T_base_tool0` (4, 4): (k, 6) joint angles in (-π, π], k ≤ 8; 0 out of reach.
 
     Postures that differ by whole turns are listed by `with_turns`. Where the wrist is singular (q5 = 0 or π: only the
@@ -86,67 +94,73 @@ def inverse_kinematics(T_base_tool0: np.ndarray, q6_if_free: float = 0.0) -> np.
     T = np.asarray(T_base_tool0, dtype=float)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ValueError(f"T_base_tool0 must be a finite (4, 4) matrix, got {T!r}")
+    if arm.measured is not None:
+        near = inverse_kinematics(T, q6_if_free, arm.with_measured(None))
+        q = refined(np.repeat(T[None], len(near), axis=0), near, arm.measured)
+        return _distinct(list(q[np.isfinite(q).all(axis=1)]))
     T = _T_BASE_DH @ T  # the half turn is its own inverse
-    wrist = T[:3, 3] - _D6 * T[:3, 2]
+    d4, d6 = arm.dh[3, 1], arm.dh[5, 1]
+    wrist = T[:3, 3] - d6 * T[:3, 2]
     radius = np.hypot(wrist[0], wrist[1])
-    if radius < _D4 * (1 - _REACH_TOLERANCE):
+    if radius < d4 * (1 - _REACH_TOLERANCE):
         return np.empty((0, 6))
     # The wrist stays at distance d4 from the plane of the arm.
-    aim, lean = np.arctan2(wrist[1], wrist[0]), np.arcsin(min(_D4 / radius, 1.0))
+    aim, lean = np.arctan2(wrist[1], wrist[0]), np.arcsin(min(d4 / radius, 1.0))
     postures: list[np.ndarray] = []
     for q1 in (aim + lean, aim + np.pi - lean):
         s1, c1 = np.sin(q1), np.cos(q1)
         normal = np.array([s1, -c1, 0.0])  # axis of joints 2, 3, 4
         across = normal @ T[:3, :3]  # the tool's axes along it: (s5 c6, -s5 s6, c5)
         sin5 = np.hypot(across[0], across[1])
-        T_16 = np.linalg.inv(_link_transform(0, q1)) @ T
+        T_16 = np.linalg.inv(_link_transform(0, q1, arm)) @ T
         for q5 in (np.arctan2(sin5, across[2]), np.arctan2(-sin5, across[2])):
             if sin5 < _WRIST_SINGULAR:
-                q6 = _free_joint_6(T_16, q5, q6_if_free)
+                q6 = _free_joint_6(T_16, q5, q6_if_free, arm)
             else:
                 q6 = np.arctan2(-across[1] / np.sin(q5), across[0] / np.sin(q5))
-            elbows = _solve_elbow(_before_wrist(T_16, q5, q6))
+            elbows = _solve_elbow(_before_wrist(T_16, q5, q6, arm), arm)
             postures += [np.array([q1, *elbow, q5, q6]) for elbow in elbows]
     return _distinct(postures)
 
 
-def _before_wrist(T_16: np.ndarray, q5: float, q6: float) -> np.ndarray:
+def _before_wrist(T_16: np.ndarray, q5: float, q6: float, arm: ArmLengths) -> np.ndarray:
     """T_14 from T_16: frame 4 is where joint 4's axis and the wrist's first body are."""
-    return T_16 @ np.linalg.inv(_link_transform(4, q5) @ _link_transform(5, q6))
+    return T_16 @ np.linalg.inv(_link_transform(4, q5, arm) @ _link_transform(5, q6, arm))
 
 
-def _free_joint_6(T_16: np.ndarray, q5: float, wish: float) -> float:
+def _free_joint_6(T_16: np.ndarray, q5: float, wish: float, arm: ArmLengths) -> float:
     """The q6 nearest to `wish` with which a singular wrist is within the arm's reach; `wish` where there is none.
 
     Turning q6 carries frame 4 on a circle of radius d5, of which the arm may reach only a part.
     """
-    if _solve_elbow(_before_wrist(T_16, q5, wish)):
+    if _solve_elbow(_before_wrist(T_16, q5, wish, arm), arm):
         return wish
+    a2, a3, d5 = arm.dh[1, 0], arm.dh[2, 0], arm.dh[4, 1]
     # The circle's centre is the tool's axis; frame 4 lies at angle `around` on it, and `around` turns with q6.
     centre = T_16[:2, 3]
     distance, bearing = np.hypot(*centre), np.arctan2(centre[1], centre[0])
-    around = np.arctan2(*(_before_wrist(T_16, q5, wish)[:2, 3] - centre)[::-1])
+    around = np.arctan2(*(_before_wrist(T_16, q5, wish, arm)[:2, 3] - centre)[::-1])
     turn = np.sign(np.cos(q5))
     candidates = []
-    for reach in ((abs(_A2) + abs(_A3)) * (1 - 1e-12), abs(_A2 - _A3) * (1 + 1e-12)):
-        cosine = (reach**2 - distance**2 - _D5**2) / (2 * distance * _D5)
+    for reach in ((abs(a2) + abs(a3)) * (1 - 1e-12), abs(a2 - a3) * (1 + 1e-12)):
+        cosine = (reach**2 - distance**2 - d5**2) / (2 * distance * d5)
         if abs(cosine) <= 1:
             candidates += [bearing + np.arccos(cosine), bearing - np.arccos(cosine)]
     shifts = [np.angle(np.exp(1j * (candidate - around))) for candidate in candidates]
     return wish - turn * min(shifts, key=abs) if shifts else wish
 
 
-def _solve_elbow(T_14: np.ndarray) -> list[tuple[float, float, float]]:
+def _solve_elbow(T_14: np.ndarray, arm: ArmLengths) -> list[tuple[float, float, float]]:
     """(q2, q3, q4) of the planar three-joint chain between frames 1 and 4."""
-    x, y = T_14[0, 3], T_14[1, 3]
-    cos3 = (x * x + y * y - _A2**2 - _A3**2) / (2 * _A2 * _A3)
+    x, y, a2, a3 = T_14[0, 3], T_14[1, 3], arm.dh[1, 0], arm.dh[2, 0]
+    cos3 = (x * x + y * y - a2**2 - a3**2) / (2 * a2 * a3)
     if abs(cos3) > 1 + _REACH_TOLERANCE:
         return []
     heading = np.arctan2(T_14[1, 0], T_14[0, 0])  # q2 + q3 + q4
     sin3 = np.sqrt(max(0.0, 1 - cos3 * cos3))
     found = []
     for q3 in (np.arctan2(sin3, cos3), np.arctan2(-sin3, cos3)):
-        q2 = np.arctan2(y, x) - np.arctan2(_A3 * np.sin(q3), _A2 + _A3 * np.cos(q3))
+        q2 = np.arctan2(y, x) - np.arctan2(a3 * np.sin(q3), a2 + a3 * np.cos(q3))
         found.append((q2, q3, heading - q2 - q3))
     return found
 
@@ -161,31 +175,31 @@ def _distinct(postures: list[np.ndarray]) -> np.ndarray:
     return np.array(kept).reshape(-1, 6)
 
 
-def with_turns(postures: np.ndarray) -> np.ndarray:
+def with_turns(postures: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray:
     """All postures within the joint limits that equal those of `postures` (k, 6) up to whole turns: (m, 6)."""
     rows = []
     for q in np.asarray(postures, dtype=float).reshape(-1, 6):
         choices = [
             [value + turn for turn in (-2 * np.pi, 0.0, 2 * np.pi) if low <= value + turn <= high]
-            for value, (low, high) in zip(q, JOINT_LIMITS, strict=True)
+            for value, (low, high) in zip(q, arm.limits, strict=True)
         ]
         rows += list(itertools.product(*choices))
     return np.array(rows).reshape(-1, 6)
 
 
-def nearest_solution(T_base_tool0: np.ndarray, q_ref: np.ndarray) -> np.ndarray | None:
+def nearest_solution(T_base_tool0: np.ndarray, q_ref: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray | None:
     """The posture within limits that reaches `T_base_tool0` with the least motion (Euclidean, rad) from `q_ref` (6,).
 
     None where the pose is out of reach. At a wrist singularity joint 6 stays where it is.
     """
     q_ref = np.asarray(q_ref, dtype=float)
-    postures = inverse_kinematics(T_base_tool0, q6_if_free=float(q_ref[5]))
+    postures = inverse_kinematics(T_base_tool0, q6_if_free=float(q_ref[5]), arm=arm)
     if len(postures) == 0:
         return None
     # Joint by joint the nearest turn is best, and each joint's limits are its own.
     turned = postures[..., None] + np.array([-2 * np.pi, 0.0, 2 * np.pi])
     distance = np.abs(turned - q_ref[:, None])
-    distance[(turned < JOINT_LIMITS[:, :1]) | (turned > JOINT_LIMITS[:, 1:])] = np.inf
+    distance[(turned < arm.limits[:, :1]) | (turned > arm.limits[:, 1:])] = np.inf
     best = np.take_along_axis(turned, distance.argmin(-1)[..., None], -1)[..., 0]
     return best[np.linalg.norm(best - q_ref, axis=1).argmin()]
 

@@ -12,14 +12,14 @@ import trimesh
 from trimesh.visual.material import PBRMaterial
 
 from pec.common.atomic_files import replacing
-from pecgrasp_env.robot import description, kinematics
+from pecgrasp_env.robot import arm_lengths, description, kinematics
 from pecgrasp_env.robot import gripper_linkage as linkage
 from pecgrasp_env.robot import visual_surfaces as surfaces
 from pecgrasp_env.robot import visuals as appearance
 from pecgrasp_env.robot.description import Joint, Link, Shape
 from pecgrasp_env.robot.visuals import Part
 
-_SOURCES = (appearance, description, kinematics, linkage, surfaces)  # what the generated files depend on
+_SOURCES = (appearance, arm_lengths, description, kinematics, linkage, surfaces)  # what the generated files depend on
 
 
 def robot_urdf() -> Path:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from pecgrasp_env.motion.joint_path import MotionError, straight_line
 from pecgrasp_env.real.fakes.controller import T_CONTROLLER_BASE, Controller, Program, matrix_of
 from pecgrasp_env.real.fakes.motions import at_rates
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS, forward_kinematics, nearest_solution
+from pecgrasp_env.robot.kinematics import forward_kinematics, nearest_solution
 
 READY, DONE = 1, 2
 MOVE_J, MOVE_J_IK, MOVE_L, MOVE_L_FK = 1, 2, 3, 4
@@ -115,14 +115,15 @@ class ControlScript(Program):
         elif command == SET_WATCHDOG:
             controller.watchdog = (1.0 / max(float(six[0]), 1e-3), controller.time)
         elif command == JOINTS_SAFE:
-            safe = bool(((six >= JOINT_LIMITS[:, 0]) & (six <= JOINT_LIMITS[:, 1])).all())
+            low, high = controller.plant.arm.limits.T
+            safe = bool(((six >= low) & (six <= high)).all())
             controller.integers_out[1 + self._offset] = int(safe)
         elif command == TCP_OFFSET:
             self._tell(controller.tcp)
         elif command == FORWARD:
             self._tell(controller.tool_pose(controller.measured))
         elif command == FORWARD_OF:
-            T = T_CONTROLLER_BASE @ forward_kinematics(six) @ matrix_of(more[:6])
+            T = T_CONTROLLER_BASE @ forward_kinematics(six, controller.plant.arm) @ matrix_of(more[:6])
             self._tell(np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()]))
         elif command in (INVERSE, INVERSE_DEFAULT):
             q = self._inverse(six)
@@ -142,10 +143,12 @@ class ControlScript(Program):
                 q = self._inverse(six)
                 path = None if q is None else q[None]
             elif command in (MOVE_L, MOVE_L_FK):
-                end = _T_base_tool0(six, controller.tcp) if command == MOVE_L else forward_kinematics(six)
-                path = straight_line(controller.target, forward_kinematics(controller.target), end)[1:]
+                arm = controller.plant.arm
+                start = forward_kinematics(controller.target, arm)
+                end = _T_base_tool0(six, controller.tcp) if command == MOVE_L else forward_kinematics(six, arm)
+                path = straight_line(controller.target, start, end, arm)[1:]
                 # The line's length is what its speed is of.
-                length = float(np.linalg.norm(end[:3, 3] - forward_kinematics(controller.target)[:3, 3]))
+                length = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
                 turned = float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
                 ratio = turned / max(length, 1e-6) if length > 1e-6 else 1.0
                 speed, acceleration = speed * ratio, acceleration * ratio
@@ -164,7 +167,8 @@ class ControlScript(Program):
         return True
 
     def _inverse(self, pose: np.ndarray) -> np.ndarray | None:
-        return nearest_solution(_T_base_tool0(pose, self._controller.tcp), self._controller.target)
+        controller = self._controller
+        return nearest_solution(_T_base_tool0(pose, controller.tcp), controller.target, controller.plant.arm)
 
 
 def _T_base_tool0(pose: np.ndarray, tcp: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pecgrasp_env.real.fakes.motions import along, servo_step, slow_down
 from pecgrasp_env.real.fakes.plant import Plant
 from pecgrasp_env.real.fakes.robotiq_server import FakeRobotiq
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS, forward_kinematics
+from pecgrasp_env.robot.kinematics import forward_kinematics
 
 STOPPED, PLAYING = 1, 2  # runtime states
 _RUNNING_MODE = 7
@@ -38,7 +38,8 @@ CB3, E_SERIES = Version(3, 15), Version(5, 12)
 class Controller:
     """``program``: what runs, with `step()` and `stop()`; None when nothing does. ``time``: s since it was switched on.
 
-    ``remote``: an e-Series takes programs from outside in remote mode only.
+    ``remote``: an e-Series takes programs from outside in remote mode only. ``tells_lengths``: those of the plant's
+    arm, to who connects, as since PolyScope 3.6.
     """
 
     def __init__(self, plant: Plant, gripper: FakeRobotiq, version: Version = CB3) -> None:
@@ -48,6 +49,7 @@ class Controller:
         self.integers_out, self.doubles_out = [0] * _INTEGERS, [0.0] * _DOUBLES
         self.time = 0.0
         self.remote = True
+        self.tells_lengths = True
         self.tcp = np.zeros(6)
         self.payload = (0.0, np.zeros(3))
         self.speed_fraction = 1.0
@@ -147,7 +149,8 @@ class Controller:
                 else:
                     self.target = reached
         self.rates = (self.target - before) / self.period
-        if ((self.target < JOINT_LIMITS[:, 0]) | (self.target > JOINT_LIMITS[:, 1])).any():
+        low, high = self.plant.arm.limits.T
+        if ((self.target < low) | (self.target > high)).any():
             self.target, self.rates = before, np.zeros(6)
             self.protective_stop()
         self.plant.step(self.target, self.gripper.opening, self.gripper.force)
@@ -189,7 +192,7 @@ class Controller:
 
     def tool_pose(self, q: np.ndarray) -> np.ndarray:
         """(6,) place, m, and rotation vector, rad, of the tool centre point in the controller's base frame."""
-        T = T_CONTROLLER_BASE @ forward_kinematics(q) @ matrix_of(self.tcp)
+        T = T_CONTROLLER_BASE @ forward_kinematics(q, self.plant.arm) @ matrix_of(self.tcp)
         return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])
 
 

@@ -6,15 +6,17 @@ from typing import Protocol
 
 import numpy as np
 
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.gripper_linkage import STROKE
-from pecgrasp_env.robot.kinematics import HOME
+from pecgrasp_env.robot.kinematics import home
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 
 class Plant(Protocol):
-    """period: s of one step. q: (6,) rad and opening: m, both measured."""
+    """period: s of one step. arm: whose joints it moves. q: (6,) rad and opening: m, both measured."""
 
     period: float
+    arm: ArmLengths
 
     @property
     def q(self) -> np.ndarray: ...
@@ -40,13 +42,13 @@ class Plant(Protocol):
 class FollowingJoints:
     """Joints and fingers that are where they are told to be; fingers stop at ``between``, m, a thing between them."""
 
-    def __init__(self, period: float = 0.008, between: float = 0.0) -> None:
-        self.period = period
+    def __init__(self, period: float = 0.008, between: float = 0.0, arm: ArmLengths = UR5) -> None:
+        self.period, self.arm = period, arm
         self.between = between
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        self._q, self._opening = HOME.copy(), STROKE
+        self._q, self._opening = home(self.arm).copy(), STROKE
 
     @property
     def q(self) -> np.ndarray:

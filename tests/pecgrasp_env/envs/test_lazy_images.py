@@ -11,7 +11,7 @@ from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.pick_planner import PickPlanner
-from pecgrasp_env.policy.viewpoints import HOME
+from pecgrasp_env.robot.kinematics import HOME
 from pecgrasp_env.sensor import D435
 
 assert pecgrasp_env

@@ -10,7 +10,7 @@ from pecgrasp_env.evaluation.recording_policy import Sight
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.seen_objects import SeenObject
-from pecgrasp_env.policy.viewpoints import HOME
+from pecgrasp_env.robot.kinematics import HOME
 from pecgrasp_env.sensor import CameraIntrinsics
 
 

@@ -12,9 +12,9 @@ from pecgrasp_env.motion.clearance import Clearance
 from pecgrasp_env.motion.grasp_approach import clear_of_table, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError, straight_line, unwound
 from pecgrasp_env.motion.trajectory import JOINT_ACCELERATION, JOINT_SPEED, time_law
-from pecgrasp_env.policy.viewpoints import HOME, look_at, look_postures, posture_above
+from pecgrasp_env.policy.viewpoints import look_at, look_postures, posture_above
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics, tool0_from_grasp
-from pecgrasp_env.robot.kinematics import COUPLER
+from pecgrasp_env.robot.kinematics import COUPLER, HOME
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 NOTHING = np.zeros((0, 3))

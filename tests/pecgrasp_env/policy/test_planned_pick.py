@@ -12,8 +12,9 @@ from grasping import ROBOTIQ_2F_140, ModelPlanner
 from grasping.pose.object_model import object_model
 from pecgrasp_env.policy.observation import ObservationError
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.policy.viewpoints import HOME, look_at
+from pecgrasp_env.policy.viewpoints import look_at
 from pecgrasp_env.robot import forward_kinematics, tool0_from_grasp
+from pecgrasp_env.robot.kinematics import HOME
 from pecgrasp_env.sensor import D435
 
 CAMERA = look_at((0.5, 0.0, 0.55), (0.5, 0.0, 0.0))
@@ -193,7 +194,8 @@ sys.meta_path.insert(0, Blocker())
 import numpy as np
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.sensor import D435
-from pecgrasp_env.policy.viewpoints import HOME, look_at
+from pecgrasp_env.policy.viewpoints import look_at
+from pecgrasp_env.robot.kinematics import HOME
 depth = np.full((240, 424), 0.55, np.float32)
 depth[100:130, 190:230] = 0.50
 pick = ScriptedPolicy(None).plan_only(depth, D435["424x240"], look_at((0.5, 0, 0.55), (0.5, 0, 0)), "block", q=HOME)

@@ -13,44 +13,22 @@ from pec import Classifier
 from pec.training import fit
 from pecgrasp.cli import main
 from pecgrasp_env.policy.viewpoints import look_at, postures_around
-from pecgrasp_env.real import ConnectionLost, DepthImage
+from pecgrasp_env.real import ConnectionLost
 from pecgrasp_env.real.camera.recorded import RecordedCamera, read_depth_image, write_depth_image
 from pecgrasp_env.real.learning import read_clouds
 from pecgrasp_env.real.teach import LEAST_VIEWS, TeachError, check_name, images_of, shown_in_image, teach
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
-from pecgrasp_env.sensor.intrinsics import intrinsics_of
+from tests.pecgrasp_env.real.drawn_table import table_with
 
-CAMERA = intrinsics_of("424x240")
 N_POINTS = 64
 PLACE = np.array([0.5, 0.0, 0.0])
-
-
-def table_with(things, eye, noise=0.0005):
-    """Depth of a table at z = 0 with upright cans (x, y, radius, height), m, seen from ``eye`` (3,)."""
-    T = look_at(tuple(eye), tuple(PLACE))
-    v, u = np.indices((CAMERA.height, CAMERA.width)) + 0.5
-    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones_like(u)], axis=-1) @ T[:3, :3].T
-    depth = -eye[2] / rays[..., 2]
-    for x, y, radius, height in things:
-        top = (height - eye[2]) / rays[..., 2]
-        hit = eye[:2] + top[..., None] * rays[..., :2] - (x, y)
-        depth = np.where((np.linalg.norm(hit, axis=-1) < radius) & (top < depth), top, depth)
-        from_middle = eye[:2] - (x, y)
-        a, b = (rays[..., :2] ** 2).sum(axis=-1), (rays[..., :2] * from_middle).sum(axis=-1)
-        inside = b**2 - a * (from_middle @ from_middle - radius**2)
-        side = (-b - np.sqrt(np.maximum(inside, 0))) / a
-        z = eye[2] + side * rays[..., 2]
-        depth = np.where((inside > 0) & (z > 0) & (z < height) & (side < depth), side, depth)
-    depth += noise * np.random.default_rng(round(1e6 * eye.sum())).standard_normal(depth.shape)
-    return DepthImage(depth.astype(np.float32), CAMERA, 0.0)
 
 
 def images(things, count=16):
     for k in range(count):
         turn, lean = 2.4 * k, 0.3 + 0.4 * (k % 4) / 4
-        yield table_with(
-            things, PLACE + 0.5 * np.array([np.sin(lean) * np.cos(turn), 0.6 * np.sin(turn), np.cos(lean)])
-        )
+        eye = PLACE + 0.5 * np.array([np.sin(lean) * np.cos(turn), 0.6 * np.sin(turn), np.cos(lean)])
+        yield table_with(things, look_at(tuple(eye), tuple(PLACE)))
 
 
 CAN = (0.5, 0.0, 0.033, 0.08)

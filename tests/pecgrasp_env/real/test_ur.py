@@ -227,7 +227,7 @@ def test_no_socket_is_left_behind(bench):
 
 def test_an_arm_in_local_mode_or_at_no_address_is_told(hosts, fake_robot):
     host = hosts()
-    with fake_robot(host, *_JOINTS, "robot=ur5e") as bench:
+    with fake_robot(host, *_JOINTS, "robot.series=e-Series") as bench:
         bench.provoke("local_mode")
         with pytest.raises(NotInRemoteControl, match="local mode: switch to Remote"):
             URArm(host)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pecgrasp_env.robot import T_TOOL0_CAMERA, T_TOOL0_TCP, forward_kinematics
 from pecgrasp_env.robot import gripper_linkage as linkage
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS
+from pecgrasp_env.robot.arm_lengths import JOINT_LIMITS
 from pecgrasp_env.sensor import D435
 
 HOME_VIEW = np.array([[0.0, -1, 0, 0.5], [-1, 0, 0, 0], [0, 0, -1, 0.55], [0, 0, 0, 1]])  # T_world_camera, OpenCV

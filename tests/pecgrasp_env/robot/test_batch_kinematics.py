@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from pecgrasp_env.robot.arm_lengths import JOINT_LIMITS
 from pecgrasp_env.robot.batch_kinematics import BRANCHES, inverse_kinematics_batch, joint_frames, nearest_turns
-from pecgrasp_env.robot.kinematics import JOINT_LIMITS, forward_kinematics, inverse_kinematics
+from pecgrasp_env.robot.kinematics import forward_kinematics, inverse_kinematics
 
 
 def postures(n, seed=0):

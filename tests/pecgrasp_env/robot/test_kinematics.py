@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pecgrasp_env.robot import gripper_linkage as linkage
+from pecgrasp_env.robot.arm_lengths import JOINT_LIMITS
 from pecgrasp_env.robot.kinematics import (
     COUPLER,
-    JOINT_LIMITS,
     T_TOOL0_CAMERA,
     T_TOOL0_GRIPPER,
     forward_kinematics,
