@@ -17,7 +17,7 @@ def export_lerobot(cfg: DictConfig) -> None:
     try:
         settings = plain(cfg, complete=True)
         sources = settings["source"] if isinstance(settings["source"], list) else [settings["source"]]
-        episodes = [episode for source in sources for episode in read_episodes(Path(source))]
+        episodes = [episode for source in sources for episode in read_episodes(Path(source), settings["depth"])]
         write_data_set(Path(settings["out"]), episodes, FPS, settings["robot_type"], NAMES)
     except MissingMandatoryValue as error:
         sys.exit(f"pecgrasp export-lerobot: {error.full_key}=… must be given")

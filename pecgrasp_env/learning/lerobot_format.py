@@ -4,14 +4,18 @@ FOLDER/meta/info.json                        version, fps, features, where the f
 FOLDER/meta/stats.json                       of each feature min, max, mean, std, count and five quantiles
 FOLDER/meta/tasks.parquet                    a task a row, its words as the index
 FOLDER/meta/episodes/chunk-000/file-000.parquet   an episode a row: its tasks, length, rows in the data
-FOLDER/data/chunk-000/file-000.parquet       a moment a row
+FOLDER/data/chunk-000/file-000.parquet       a moment a row, its pictures among the rest
+
+Pictures are of the kind "image": PNG files in the rows. Depth has 16 bits and one channel, millimetres, and is read
+back as it was; a video would lose some of it.
 """
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +35,13 @@ class ExportError(ValueError):
 
 @dataclass(frozen=True)
 class DemoEpisode:
-    """task: in words. values: feature → (T, d) float32, or (T, 1) bool; the same features in all episodes."""
+    """task: in words. values: feature → (T, d) float32, or (T, 1) bool; the same features in all episodes. images:
+    feature → a function that gives (T, H, W) uint16, which are many, so they are asked for one episode at a time.
+    """
 
     task: str
     values: dict[str, np.ndarray]
+    images: dict[str, Callable[[], np.ndarray]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
@@ -52,10 +59,11 @@ def write_data_set(
     columns = _columns(episodes, tasks, fps)
     (folder / "meta/episodes/chunk-000").mkdir(parents=True)
     (folder / "data/chunk-000").mkdir(parents=True)
-    _write_table(folder / "data" / _FIRST, {name: _listed(values) for name, values in columns.items()})
-    _write_episodes(folder / "meta/episodes" / _FIRST, episodes, columns)
+    pixels = _write_data(folder / "data" / _FIRST, episodes, columns)
+    _write_episodes(folder / "meta/episodes" / _FIRST, episodes, columns, pixels)
     _write_tasks(folder / "meta/tasks.parquet", tasks)
-    stats = {name: _stats(values) for name, values in columns.items()}
+    stats: dict[str, Any] = {name: _stats(values) for name, values in columns.items()}
+    stats |= {name: sum(each[1:], start=each[0]).stats() for name, each in pixels.items()}
     (folder / "meta/stats.json").write_text(json.dumps(stats, indent=1) + "\n")
     info = {
         "codebase_version": VERSION,
@@ -73,6 +81,10 @@ def write_data_set(
         "features": {
             name: {"dtype": str(values.dtype), "shape": [values.shape[1]], "names": names.get(name)}
             for name, values in columns.items()
+        }
+        | {
+            name: {"dtype": "image", "shape": [*each[0].shape, 1], "names": ["height", "width", "channels"]}
+            for name, each in pixels.items()
         },
     }
     (folder / "meta/info.json").write_text(json.dumps(info, indent=1) + "\n")
@@ -82,6 +94,9 @@ def _columns(episodes: Sequence[DemoEpisode], tasks: list[str], fps: int) -> dic
     """Each (N, d), of all moments of all episodes."""
     features = list(episodes[0].values)
     for number, each in enumerate(episodes):
+        if list(each.images) != list(episodes[0].images):
+            one, other = (", ".join(some.images) or "none" for some in (each, episodes[0]))
+            raise ExportError(f"episode {number} has the pictures {one}; the first one {other}")
         if list(each.values) != features or len({len(values) for values in each.values.values()}) != 1 or not len(each):
             raise ExportError(f"episode {number} has {', '.join(each.values)}; the first one has {', '.join(features)}")
     columns = {name: np.concatenate([each.values[name] for each in episodes]) for name in features}
@@ -104,7 +119,86 @@ def _stats(values: np.ndarray) -> dict[str, list[float]]:
     return {name: value.tolist() for name, value in found.items()}
 
 
-def _write_episodes(path: Path, episodes: Sequence[DemoEpisode], columns: dict[str, np.ndarray]) -> None:
+@dataclass(frozen=True)
+class _Pixels:
+    """Of the pictures of an episode: how often each of the 65536 values occurs, how many pictures, and (H, W)."""
+
+    counts: np.ndarray
+    pictures: int
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, images: np.ndarray) -> _Pixels:
+        return cls(np.bincount(images.reshape(-1), minlength=1 << 16), len(images), images.shape[1:])
+
+    def __add__(self, other: _Pixels) -> _Pixels:
+        return _Pixels(self.counts + other.counts, self.pictures + other.pictures, self.shape)
+
+    def stats(self) -> dict[str, Any]:
+        """As `_stats`, for the one channel, (1, 1, 1)."""
+        value, number = np.arange(1 << 16), self.counts.sum()
+        mean = float(self.counts @ value) / number
+        there, below = np.flatnonzero(self.counts), np.cumsum(self.counts)
+        found = {"min": there[0], "max": there[-1], "mean": mean}
+        found["std"] = np.sqrt(float(self.counts @ (value - mean) ** 2) / number)
+        found |= {name: np.searchsorted(below, share * number) for name, share in _QUANTILES.items()}
+        return {name: [[[float(each)]]] for name, each in found.items()} | {"count": [self.pictures]}
+
+
+def _write_data(
+    path: Path, episodes: Sequence[DemoEpisode], columns: dict[str, np.ndarray]
+) -> dict[str, list[_Pixels]]:
+    """An episode after the other; of each picture feature what its pixels are, by episode."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    pixels: dict[str, list[_Pixels]] = {name: [] for name in episodes[0].images}
+    writer: Any = None
+    start = 0
+    try:
+        for number, episode in enumerate(episodes):
+            rows = slice(start, start := start + len(episode))
+            held = {name: _listed(values[rows]) for name, values in columns.items()}
+            for name, take in episode.images.items():
+                images = take()
+                first = pixels[name][0].shape if pixels[name] else images.shape[1:]
+                wanted = len(episode), *first
+                if images.dtype != np.uint16 or images.shape != wanted:
+                    given = f"{images.dtype} {images.shape}"
+                    raise ExportError(f"episode {number}: {name} is {given}; uint16 {wanted} is wanted")
+                pixels[name].append(_Pixels.of(images))
+                held[name] = pa.array([{"bytes": each, "path": None} for each in _png(images)], _image_type())
+            table = pa.table(held)
+            writer = writer or pq.ParquetWriter(path, table.schema)
+            writer.write_table(table)
+    finally:
+        if writer is not None:
+            writer.close()
+    return pixels
+
+
+def _image_type() -> Any:
+    """As the library `datasets` keeps pictures in a table."""
+    import pyarrow as pa
+
+    return pa.struct({"bytes": pa.binary(), "path": pa.string()})
+
+
+def _png(images: np.ndarray) -> Iterator[bytes]:
+    from PIL import Image
+
+    for image in images:
+        file = io.BytesIO()
+        Image.fromarray(image).save(file, "PNG")
+        yield file.getvalue()
+
+
+def _write_episodes(
+    path: Path,
+    episodes: Sequence[DemoEpisode],
+    columns: dict[str, np.ndarray],
+    pixels: dict[str, list[_Pixels]],
+) -> None:
     ends = np.cumsum([len(each) for each in episodes])
     rows: dict[str, list[Any]] = {
         "episode_index": list(range(len(episodes))),
@@ -120,6 +214,9 @@ def _write_episodes(path: Path, episodes: Sequence[DemoEpisode], columns: dict[s
     for name, values in columns.items():
         each = [_stats(values[end - len(episode) : end]) for end, episode in zip(ends, episodes, strict=True)]
         rows |= {f"stats/{name}/{key}": [stats[key] for stats in each] for key in each[0]}
+    for name, of_episodes in pixels.items():
+        found = [each.stats() for each in of_episodes]
+        rows |= {f"stats/{name}/{key}": [stats[key] for stats in found] for key in found[0]}
     _write_table(path, rows)
 
 

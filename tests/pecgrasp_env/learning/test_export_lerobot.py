@@ -1,6 +1,7 @@
 """LeRobot data sets: the files are as its documentation of the format v3.0 says, and lerobot itself reads them."""
 
 import importlib.util
+import io
 import json
 import sys
 
@@ -11,9 +12,10 @@ import pytest
 pytest.importorskip("pyarrow", reason="pip install 'pecgrasp[lerobot]'")
 
 import pyarrow.parquet as pq
+from PIL import Image
 
 from pecgrasp.cli import main
-from pecgrasp_env.learning.export_lerobot import FPS
+from pecgrasp_env.learning.export_lerobot import DEPTH, FPS
 from pecgrasp_env.learning.lerobot_format import DemoEpisode, ExportError, write_data_set
 
 LENGTHS = (5, 3)
@@ -35,9 +37,28 @@ def demos(tmp_path):
             group["obs/extra/opening"] = rng.uniform(0, 0.14, (length + 1, 1)).astype(np.float32)
             group["obs/extra/target_pose"] = rng.normal(size=(length + 1, 7)).astype(np.float32)
             expert = {"target": target, "outcome": "success" if k == 0 else "gave_up"}
-            episodes.append({"episode_id": k, "control_mode": "pd_joint_pos", "expert": expert})
+            about = {"episode_id": k, "episode_seed": 70 + k, "control_mode": "pd_joint_pos"}
+            episodes.append(about | {"expert": expert})
     (folder / "trajectory.json").write_text(json.dumps({"episodes": episodes}))
     return folder
+
+
+def replayed(folder):
+    """What ManiSkill's replay leaves beside them, as far as it is exported, in another order."""
+    rng = np.random.default_rng(1)
+    depths, episodes = [], []
+    name = folder / "trajectory.depth.pd_joint_pos.physx_cpu"
+    with h5py.File(folder / "trajectory.h5") as made, h5py.File(name.with_suffix(".physx_cpu.h5"), "w") as file:
+        for k, other in enumerate((1, 0)):
+            actions = np.asarray(made[f"traj_{other}/actions"])
+            depth = rng.uniform(0, 1.5, (len(actions) + 1, 6, 8, 1)).astype(np.float32)
+            depth[:, 0, 0] = 0
+            file[f"traj_{k}/actions"] = actions
+            file[f"traj_{k}/obs/sensor_data/wrist_camera/depth"] = depth
+            episodes.append({"episode_id": k, "episode_seed": 70 + other, "control_mode": "pd_joint_pos"})
+            depths.insert(0, np.rint(1e3 * depth[:-1, ..., 0].astype(float)))
+    name.with_suffix(".physx_cpu.json").write_text(json.dumps({"episodes": episodes}))
+    return np.concatenate(depths)
 
 
 def picked(folder, target, lifted, n=4):
@@ -90,6 +111,35 @@ def test_simulated_episodes_become_files_of_the_documented_format(demos, tmp_pat
     assert stats["action"]["q50"] == pytest.approx(np.median(actions, axis=0), abs=1e-6)
 
 
+def test_depth_that_the_replay_made_is_exported_to_the_millimetre(demos, tmp_path):
+    depth = replayed(demos)
+    export(f"source={demos}", f"out={tmp_path}/out", "depth=true")
+    info = json.loads((tmp_path / "out/meta/info.json").read_text())
+    assert info["features"][DEPTH] == {"dtype": "image", "shape": [6, 8, 1], "names": ["height", "width", "channels"]}
+    rows = pq.read_table(tmp_path / "out/data/chunk-000/file-000.parquet").to_pylist()
+    read = [np.array(Image.open(io.BytesIO(row[DEPTH]["bytes"]))) for row in rows]
+    np.testing.assert_array_equal(read, depth)
+    stats = json.loads((tmp_path / "out/meta/stats.json").read_text())[DEPTH]
+    assert stats["count"] == [8]
+    for name, value in (("min", depth.min()), ("max", depth.max()), ("mean", depth.mean()), ("std", depth.std())):
+        assert np.array(stats[name]).reshape(()) == pytest.approx(value, abs=1e-6), name
+    assert np.array(stats["q50"]).reshape(()) == pytest.approx(np.median(depth), abs=20)
+    episodes = pq.read_table(tmp_path / "out/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [each[f"stats/{DEPTH}/count"] for each in episodes] == [[5], [3]]
+
+
+def test_depth_that_is_not_there_says_how_it_is_made(demos, tmp_path):
+    with pytest.raises(SystemExit, match=r"learning.replay --traj-path .*trajectory.h5 .*-o depth makes it"):
+        export(f"source={demos}", f"out={tmp_path}/out", "depth=true")
+    with pytest.raises(SystemExit, match="a pick keeps a frame a look"):
+        export(f"source={picked(tmp_path / 'a', 'mouse', True)}", f"out={tmp_path}/out", "depth=true")
+    replayed(demos)
+    with h5py.File(demos / "trajectory.h5", "a") as file:
+        file["traj_1/actions"][0, 0] += 1
+    with pytest.raises(SystemExit, match="other actions than those recorded"):
+        export(f"source={demos}", f"out={tmp_path}/out", "depth=true")
+
+
 def test_picks_of_an_arm_become_a_data_set_and_lost_ones_say_so(tmp_path):
     folders = [picked(tmp_path / "a", "stapler", True), picked(tmp_path / "b", "stapler", False, n=2)]
     export(f"source=[{folders[0]},{folders[1]}]", f"out={tmp_path}/out")
@@ -129,7 +179,8 @@ def test_lerobot_reads_it_back(tmp_path):
     episodes = [
         DemoEpisode(task, {"observation.state": rng.normal(size=(n, 7)).astype(np.float32),
                            "action": rng.normal(size=(n, 8)).astype(np.float32),
-                           "next.done": np.arange(n)[:, None] == n - 1})
+                           "next.done": np.arange(n)[:, None] == n - 1},
+                    {DEPTH: lambda n=n: np.arange(n * 48, dtype=np.uint16).reshape(n, 6, 8) * 300})
         for task, n in zip(tasks, (4, 6, 3), strict=True)
     ]  # fmt: skip
     write_data_set(tmp_path / "set", episodes, FPS, "ur5", {})
@@ -144,4 +195,7 @@ def test_lerobot_reads_it_back(tmp_path):
             np.testing.assert_array_equal(item["observation.state"].numpy(), episode.values["observation.state"][k])
             following = episode.values["action"][[k, min(k + 1, len(episode) - 1)]]
             np.testing.assert_array_equal(item["action"].numpy(), following)
+            depth = item[DEPTH].numpy()
+            assert depth.shape == (1, 6, 8)
+            np.testing.assert_array_equal(depth[0].astype(np.uint16), episode.images[DEPTH]()[k])
         start += len(episode)
