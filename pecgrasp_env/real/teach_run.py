@@ -38,18 +38,19 @@ def run_teach(
             "host=… must be given: the arm's controller; or views=manual, and the thing is turned by hand"
         )
     check_name(classifier, name)
-    output, least = Path(settings["output"]), int(settings["least"])
+    output = Path(settings["output"])
     if (output / "checkpoint").exists():
         raise SettingError(f"output={output}: holds a checkpoint already: name another folder, or take it away")
     run = None if settings["run"] is None else Path(settings["run"])
     origin = origin_of(Path(settings["checkpoint"]), run, classifier.classes)
-    if isinstance(origin, Origin) and least < FEWEST:
-        raise SettingError(f"least={least}: training goes on with {FEWEST} views at least")
     (output / "frames").mkdir(parents=True, exist_ok=True)
     by = {"arm": _by_arm, "manual": _by_hand, "frames": _by_frames}[settings["views"]]
 
     def learn(name: str, clouds: list[Any]) -> Any:
+        nonlocal origin
         write_clouds(output, clouds)
+        if isinstance(origin, Origin) and len(clouds) < FEWEST:
+            origin = f"{len(clouds)} views, and training goes on with {FEWEST} at least"
         if isinstance(origin, str):
             say(f"the views alone are learnt, which tells less apart and costs what is known: {origin}")
             return classifier.enrol(name, clouds)
@@ -57,7 +58,7 @@ def run_teach(
         return origin.learn(name, clouds)
 
     views = _said(by(settings, camera, classifier.n_points, ask, say), say)
-    lesson = teach(classifier, name, views, least, learn)
+    lesson = teach(classifier, name, views, settings["least"], learn)
     lesson.classifier.save(output / "checkpoint")
     results: dict[str, Any] = {
         "name": name,
