@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue
 
-__all__ = ["CONF", "file_as_override", "plain"]
+__all__ = ["CONF", "complete", "file_as_override", "plain"]
 
 _INSTALLED = Path(__file__).parent / "conf"
 CONF = str(_INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[1] / "conf")  # in a clone it lies at the top
@@ -20,6 +22,14 @@ def file_as_override(arguments: list[str]) -> list[str]:
         return arguments
     name = re.sub(r'(\\*)"', r'\1\1\\"', arguments[0])
     return [f'cloud="{name}"', *arguments[1:]]
+
+
+def complete(cfg: DictConfig, command: str) -> dict[str, Any]:
+    """`plain` of a config whose every `???` was filled; else the command ends and names what must be given."""
+    try:
+        return plain(cfg, complete=True)
+    except MissingMandatoryValue as error:
+        sys.exit(f"pecgrasp {command}: {error.full_key}=… must be given")
 
 
 def plain(cfg: DictConfig, *, complete: bool = False) -> dict[str, Any]:

@@ -7,20 +7,17 @@ import sys
 
 import hydra
 from omegaconf import DictConfig
-from omegaconf.errors import MissingMandatoryValue
 
 from pec.errors import ConfigError, DatasetError
 from pec.experiments.grid import run_cell
 from pecgrasp.own_clouds import with_own_clouds
-from pecgrasp.settings import CONF, plain
+from pecgrasp.settings import CONF, complete
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="ablate")
 def main(cfg: DictConfig) -> None:
     try:
-        settings = with_own_clouds(plain(cfg, complete=True))
-    except MissingMandatoryValue as error:
-        sys.exit(f"pecgrasp ablate: {error.full_key}=… must be given")
+        settings = with_own_clouds(complete(cfg, "ablate"))
     except (ConfigError, DatasetError) as error:
         sys.exit(f"pecgrasp ablate: {error}")
     cell = run_cell(settings)

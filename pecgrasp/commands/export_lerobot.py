@@ -5,22 +5,19 @@ from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig
-from omegaconf.errors import MissingMandatoryValue
 
-from pecgrasp.settings import CONF, plain
+from pecgrasp.settings import CONF, complete
 from pecgrasp_env.learning.export_lerobot import FPS, NAMES, read_episodes
 from pecgrasp_env.learning.lerobot_format import ExportError, write_data_set
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="export_lerobot")
 def export_lerobot(cfg: DictConfig) -> None:
+    settings = complete(cfg, "export-lerobot")
     try:
-        settings = plain(cfg, complete=True)
         sources = settings["source"] if isinstance(settings["source"], list) else [settings["source"]]
         episodes = [episode for source in sources for episode in read_episodes(Path(source), settings["depth"])]
         write_data_set(Path(settings["out"]), episodes, FPS, settings["robot_type"], NAMES)
-    except MissingMandatoryValue as error:
-        sys.exit(f"pecgrasp export-lerobot: {error.full_key}=… must be given")
     except (ExportError, OSError) as error:
         sys.exit(f"pecgrasp export-lerobot: {error}")
     print(f"{len(episodes)} episodes, {sum(map(len, episodes))} moments: {settings['out']}")

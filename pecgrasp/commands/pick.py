@@ -1,14 +1,14 @@
 """One pick with a real arm: `pecgrasp pick`; settings in conf/pick.yaml."""
 
 import sys
+from contextlib import closing
 from typing import Any
 
 import hydra
 from hydra.utils import instantiate
 from omegaconf import DictConfig
-from omegaconf.errors import MissingMandatoryValue
 
-from pecgrasp.settings import CONF, plain
+from pecgrasp.settings import CONF, complete
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.real.errors import RobotError
 from pecgrasp_env.real.interfaces import DepthCamera
@@ -40,17 +40,11 @@ def classifier_of(checkpoint: str | None):
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="pick")
 def pick(cfg: DictConfig) -> None:
-    try:
-        settings = plain(cfg, complete=True)
-    except MissingMandatoryValue as error:
-        sys.exit(f"pecgrasp pick: {error.full_key}=… must be given")
+    settings = complete(cfg, "pick")
     try:
         classifier = classifier_of(cfg.checkpoint)
-        camera = opened(settings["camera"])
-        try:
+        with closing(opened(settings["camera"])) as camera:
             good = run_pick(settings, camera, classifier, instantiate(settings["planner"]), asked, print)
-        finally:
-            camera.close()
     except (RobotError, MotionError, ValueError, OSError) as error:
         sys.exit(f"pecgrasp pick: {type(error).__name__}: {error}")
     if not good:

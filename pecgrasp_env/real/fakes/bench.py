@@ -27,13 +27,17 @@ class Bench:
             self._socket = socket.create_connection((host, PORT), timeout=_ANSWER_S)
         except OSError as error:
             raise ConnectionLost(f"no stand-in at {host}:{PORT}: {error}; start pecgrasp fake-robot") from error
+        self._host = host
         self._lines = self._socket.makefile("rw")
 
     def ask(self, **wish: Any) -> dict[str, Any]:
-        """What `BenchConnection` answers. Raises ValueError with its error."""
-        self._lines.write(json.dumps(wish) + "\n")
-        self._lines.flush()
-        answer: dict[str, Any] = json.loads(self._lines.readline())
+        """What `BenchConnection` answers. Raises ValueError with its error, ConnectionLost where none comes."""
+        try:
+            self._lines.write(json.dumps(wish) + "\n")
+            self._lines.flush()
+            answer: dict[str, Any] = json.loads(self._lines.readline())
+        except (OSError, ValueError) as error:
+            raise ConnectionLost(f"the stand-in at {self._host} gave no answer: {error}") from error
         if "error" in answer:
             raise ValueError(answer["error"])
         return answer
