@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,8 @@ def write_pick_page(
             way=way,
         )
     )
-    (folder / name).write_text(page(f"pick {target}", body), encoding="utf-8")
+    style = (files("pecgrasp_env.common") / "report.css").read_text(encoding="utf-8")
+    (folder / name).write_text(page(f"pick {target}", body, style=style), encoding="utf-8")
     return decisions
 
 
