@@ -17,6 +17,8 @@ from pec.errors import DatasetError
 from pecgrasp_env.capture.scenes.frames import FIRST_OBJECT, read_frames
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 
+HALF_A_PIXEL = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])  # our cameras count from the corner
+
 
 @dataclass(frozen=True, eq=False)
 class CloudCase:
@@ -37,14 +39,15 @@ class CloudCase:
 class FrameCase:
     """A whole frame of known objects and strangers.
 
-    cloud: (H, W, 3) m, camera frame, NaN where nothing was measured. labels: (H, W), k + 1 where object k is, 0
-    elsewhere. names: of the objects' models, None: a stranger. T_true: (K, 4, 4) T_camera_object. visible: (K,) shares
-    that others leave to be seen.
+    cloud: (H, W, 3) m, camera frame, NaN where nothing was measured. camera: (3, 3) matrix, pixel centres at whole
+    numbers. labels: (H, W), k + 1 where object k is, 0 elsewhere. names: of the objects' models, None: a stranger.
+    T_true: (K, 4, 4) T_camera_object. visible: (K,) shares that others leave to be seen.
     """
 
     name: str
     kind: str
     cloud: np.ndarray
+    camera: np.ndarray
     labels: np.ndarray
     names: tuple[str | None, ...]
     T_true: np.ndarray
@@ -109,6 +112,7 @@ def frame_cases(folder: Path, most: int) -> tuple[list[ObjectModel], Iterator[Fr
                     f"{folder.name}/{record.file}/{count}",
                     list(manifest.config["kinds"])[frame.kind],
                     np.stack([x, y, z], axis=-1),
+                    frame.K - HALF_A_PIXEL,
                     labels,
                     tuple(models[name].name if name in models else None for name in names),
                     np.stack([T_camera_world @ _matrix(pose) for pose in frame.pose]),

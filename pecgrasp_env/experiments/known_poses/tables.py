@@ -10,7 +10,7 @@ import numpy as np
 
 from grasping.pose.metrics import DIAMETER_SHARE, NEAR_ENOUGH, auc
 from pec.statistics import wilson_interval
-from pecgrasp_env.experiments.known_poses.run import RIGHT, VISIBLE
+from pecgrasp_env.experiments.known_poses.run import RIGHT, VISIBLE, VSD_LEAST
 
 _DRAWS = 2000
 OCCLUSIONS = (0.0, 0.1, 0.2, 0.4, 0.6)
@@ -98,6 +98,8 @@ def frame_results(rows: Sequence[Row]) -> list[dict[str, Any]]:
                     "kind": kind or "all",
                     "frames": len(own),
                     "found": _share([_right(o) for o in known]),
+                    "found_or_left_open": _share([_below(o["off_open"], RIGHT) for o in known]),
+                    "found_by_vsd": _share([_below(o["vsd"], VSD_LEAST) for o in known]),
                     "two_of_a_kind_both": _share([all(map(_right, pair)) for pair in twins]),
                     "stranger_given_a_pose": _share([o["given"] is not None for o in strangers]),
                     "wrong_model": _share([o["given"] not in (None, o["name"]) for o in known]),
@@ -108,7 +110,11 @@ def frame_results(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _right(thing: Row) -> bool:
-    return thing["off"] is not None and thing["off"] < RIGHT
+    return _below(thing["off"], RIGHT)
+
+
+def _below(error: float | None, most: float) -> bool:
+    return error is not None and error < most
 
 
 def _twins(row: Row) -> list[list[Row]]:
@@ -144,7 +150,8 @@ def table(clouds: Sequence[dict[str, Any]], frames: Sequence[dict[str, Any]]) ->
             lines.append(head + " | ".join(cells) + f" | {each['median_ms']:.0f} ms |")
         lines.append("")
     if frames:
-        names = ("found", "two_of_a_kind_both", "stranger_given_a_pose", "wrong_model")
+        found = ("found", "found_or_left_open", "found_by_vsd")
+        names = (*found, "two_of_a_kind_both", "stranger_given_a_pose", "wrong_model")
         lines += ["| frames | kind | n | " + " | ".join(n.replace("_", " ") for n in names) + " | median time |"]
         lines += ["|---|---|---|" + "---|" * (len(names) + 1)]
         for each in frames:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from grasping.pose.object_model import ObjectModel
-from pecgrasp_env.experiments.known_poses.cases import FrameCase, model_of
+from pecgrasp_env.experiments.known_poses.cases import HALF_A_PIXEL, FrameCase, model_of
 from pecgrasp_env.experiments.scene_clouds import look_from, scene_env
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.policy.observation import read_observation
@@ -82,6 +82,7 @@ def _frame(task: Any, name: str, clutter: str, models: Mapping[tuple[str, str], 
         name,
         clutter,
         cloud,
+        seen.frame.intrinsics.matrix - HALF_A_PIXEL,
         slot_of_pixel + 1,
         tuple(None if model is None else model.name for model in known),
         np.stack([T_camera_world @ T for T in poses]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from grasping.pose.depth_image import depth_image
 from grasping.pose.object_model import object_model
+from grasping.pose.object_pose import Ambiguity, ObjectPose
 from pecgrasp_env.experiments.known_poses import methods
-from pecgrasp_env.experiments.known_poses.cases import CloudCase
-from pecgrasp_env.experiments.known_poses.run import Rows, errors, run_clouds
+from pecgrasp_env.experiments.known_poses.cases import CloudCase, FrameCase
+from pecgrasp_env.experiments.known_poses.run import RIGHT, VSD_LEAST, Rows, errors, frame_errors, run_clouds
 from pecgrasp_env.experiments.known_poses.tables import MEASURES, cloud_results, frame_results, table
 from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
 
@@ -83,12 +86,19 @@ def test_the_others_run_where_they_are_installed(name, model):
 
 
 def test_frames_count_the_known_the_twins_and_the_strangers():
-    def thing(name, visible=1.0, off=None, given=None):
-        return {"name": name, "visible": visible, "off": off, "given": given}
+    def thing(name, visible=1.0, off=None, given=None, off_open=None, vsd=None):
+        return {
+            "name": name,
+            "visible": visible,
+            "off": off,
+            "off_open": off if off_open is None else off_open,
+            "vsd": vsd,
+            "given": given,
+        }
 
     objects = [
-        thing("mug", off=0.02, given="mug"),
-        thing("mug", off=0.5, given="mug"),
+        thing("mug", off=0.02, given="mug", vsd=0.1),
+        thing("mug", off=0.5, given="mug", off_open=0.03, vsd=0.2),
         thing("can", visible=0.3),  # too hidden to count
         thing("box", off=None, given="can"),
         thing(None),
@@ -97,10 +107,36 @@ def test_frames_count_the_known_the_twins_and_the_strangers():
     row = {"group": "g", "kind": "piled", "seconds": 0.1, "on_nothing": 0, "objects": objects}
     result = frame_results([row])[0]
     assert (result["found"]["count"], result["found"]["n"]) == (1, 3)
+    assert (result["found_or_left_open"]["count"], result["found_by_vsd"]["count"]) == (2, 2)
     assert (result["two_of_a_kind_both"]["count"], result["two_of_a_kind_both"]["n"]) == (0, 1)
     assert (result["stranger_given_a_pose"]["count"], result["stranger_given_a_pose"]["n"]) == (1, 2)
     assert (result["wrong_model"]["count"], result["wrong_model"]["n"]) == (1, 3)
     assert "1 of 2, 50 %" in table([], [result])
+
+
+def test_a_turn_that_the_view_leaves_open_is_far_off_but_right_by_what_is_seen():
+    """A block with a knob on its far side: half a turn about the line of sight moves nothing that is seen."""
+    (v, f), (w, g) = block(0.08, 0.08, 0.12), block(0.02, 0.02, 0.02, (0.025, 0.01, 0.07))
+    knob = object_model(np.concatenate([v, w]), np.concatenate([f, g + 8]), "knob", allow_open=True)
+    camera = np.array([[200.0, 0, 79.5], [0, 200.0, 59.5], [0, 0, 1]])
+    T_true = np.eye(4)
+    T_true[2, 3] = 0.6
+    turned = T_true @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    depth = depth_image(knob.vertices, knob.faces, T_true, camera, (120, 160))
+    rows, columns = np.indices(depth.shape)
+    ray = np.stack([(columns - 79.5) / 200, (rows - 59.5) / 200, np.ones(depth.shape)], axis=-1)
+    cloud = np.where(depth[..., None] > 0, ray * depth[..., None], np.nan)
+    labels = (depth > 0).astype(np.int64)
+    frame = FrameCase("f", "apart", cloud, camera, labels, ("knob",), T_true[None], np.ones(1))
+    nothing_open = Ambiguity(knob.symmetry, np.empty((0, 4, 4)))
+    right = ObjectPose(T_true, knob, 1.0, 0.0, nothing_open, 1.0, 0.0, np.empty(0, np.int64))
+    wrong = replace(right, T_camera_object=turned, ambiguous=replace(nothing_open, others=T_true[None]))
+    errors_of = frame_errors(frame, knob, right, 0)
+    assert errors_of == pytest.approx({"off": 0, "off_open": 0, "vsd": 0}, abs=1e-9)
+    errors_of = frame_errors(frame, knob, wrong, 0)
+    assert errors_of["off"] > RIGHT
+    assert errors_of["off_open"] == pytest.approx(0, abs=1e-9)
+    assert errors_of["vsd"] < VSD_LEAST
 
 
 def test_what_is_not_installed_is_known_without_loading_it():
