@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import ConfigError, ModelError
 from grasping.pose.acceptance import LEAST_INLIERS, SURFACE, differ, refusal, rival
-from grasping.pose.candidates import Judged, Sought, refined, tolerance_at
+from grasping.pose.candidates import Judged, Sought, judge, refined, tolerance_at
 from grasping.pose.hypotheses import propose
 from grasping.pose.object_model import ObjectModel
 from grasping.pose.object_pose import Ambiguity, ObjectPose
@@ -32,6 +32,7 @@ FINE_HYPOTHESES = 4  # of them that are aligned again, on more points
 FIRST_REACH, SECOND_REACH = 0.12, 0.04  # of the diameter: how far off a pose that was voted for may be, and then
 COARSE_STEPS, FINE_STEPS, LAST_STEPS = 6, 12, 25
 COARSE_POINTS, FINE_POINTS = 120, 400
+LEAST_TURNED = 0.5  # score from which on the poses in which a model looks alike are tried: worse is another thing
 NEARLY = 0.9  # of the best's score: poses that may still become the best
 LARGE_ENOUGH = 0.75  # of a piece's extent: the least diameter of a model that may be all of it, as noise lengthens it
 AS_GOOD = 0.97  # of the best's score: poses that fit as well
@@ -177,7 +178,17 @@ class PoseEstimator:
         if not len(T):
             return None
         coarse = refined(prepared, sought.some(COARSE_POINTS), T, FIRST_REACH * model.diameter, COARSE_STEPS)
-        return self._fine(prepared, sought, coarse)
+        best = self._fine(prepared, sought, coarse)
+        return best if best.score[0] < LEAST_TURNED else self._turned(prepared, sought, best)
+
+    def _turned(self, prepared: PreparedModel, sought: Sought, best: Judged) -> Judged:
+        """The best of the poses and of those in which the model looks much as it does in the first."""
+        if not len(prepared.look_alikes):
+            return best
+        T, reach = best.T[0] @ prepared.look_alikes, SECOND_REACH * prepared.model.diameter
+        coarse = refined(prepared, sought.some(COARSE_POINTS), T, reach, COARSE_STEPS)
+        fine = self._fine(prepared, sought, coarse)
+        return judge(prepared, sought.some(FINE_POINTS), np.concatenate([best.T, fine.T]))
 
     def _fine(self, prepared: PreparedModel, sought: Sought, coarse: Judged) -> Judged:
         """The best of the poses aligned with more points, and then, those as good as the first, until they rest."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from grasping.pose.look_alikes import look_alikes
 from grasping.pose.object_model import ObjectModel
 from grasping.pose.point_pairs import PairTable
 from grasping.pose.scene_surface import thinner
@@ -41,6 +42,11 @@ class PreparedModel:
     def tree(self) -> cKDTree:
         """Of the model's points."""
         return cKDTree(self.model.points)
+
+    @cached_property
+    def look_alikes(self) -> FloatArray:
+        """(A, 4, 4) motions after which much of the surface lies where some of it was."""
+        return look_alikes(self.model, self.grid, self.table, self.corners)
 
     @property
     def sampled(self) -> float:
