@@ -12,7 +12,7 @@ from pec.common.atomic_files import write_json, write_whole
 from pec.errors import DatasetError
 from pecgrasp.progress import progress_bar
 from pecgrasp.settings import CONF
-from pecgrasp_env.experiments.known_poses.cases import cloud_cases, frame_cases, real_views
+from pecgrasp_env.experiments.known_poses.cases import cloud_cases, frame_cases, partly_hidden, real_views
 from pecgrasp_env.experiments.known_poses.chapter5 import chosen_regions, final_poses
 from pecgrasp_env.experiments.known_poses.methods import METHODS, installed
 from pecgrasp_env.experiments.known_poses.run import Rows, run_clouds, run_frames
@@ -32,11 +32,15 @@ def main(cfg: DictConfig) -> None:
     if missing := [name for name in methods if not installed(name)]:
         print(f"not installed, left out: {', '.join(missing)} (pip install 'pecgrasp[pose-rivals]')")
         methods = [name for name in methods if name not in missing]
+    if senseless := [share for share in cfg.hidden if not 0 <= share < 1]:
+        sys.exit(f"pecgrasp evaluate-pose: hidden = {senseless[0]} is no share of a cloud; it must be in [0, 1)")
     try:
         for folder in cfg.clouds:
-            with progress_bar("cloud", shown=cfg.progress, title=Path(folder).name) as progress:
-                cases = list(cloud_cases(Path(folder), cfg.per_object))
-                run_clouds(Path(folder).name, cases, methods, rows, progress)
+            cases = list(cloud_cases(Path(folder), cfg.per_object))
+            for share in cfg.hidden:
+                group = Path(folder).name + (f", {share:.0%} hidden" if share else "")
+                with progress_bar("cloud", shown=cfg.progress, title=group) as progress:
+                    run_clouds(group, [partly_hidden(case, share) for case in cases], methods, rows, progress)
         for file in cfg.views:
             with progress_bar("view", shown=cfg.progress, title=Path(file).stem) as progress:
                 run_clouds(Path(file).stem, list(real_views(Path(file))), methods, rows, progress)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,23 @@ def cloud_cases(folder: Path, per_object: int) -> Iterator[CloudCase]:
                     shard.T_camera_object[k].astype(np.float64),
                     float(shard.occlusion[k]),
                 )
+
+
+def partly_hidden(case: CloudCase, share: float) -> CloudCase:
+    """The case with that share of its points, in [0, 1), out of sight beyond a straight edge, as of a thing in front.
+
+    The edge's direction in the picture follows from the case's name. Of nothing hidden it is the case itself.
+    """
+    if share == 0:
+        return case
+    turn = 2 * np.pi * zlib.crc32(case.name.encode()) / 2**32
+    across = case.points[:, :2] / case.points[:, 2:] @ np.array([np.cos(turn), np.sin(turn)])
+    return replace(
+        case,
+        name=f"{case.name}, {share:g} hidden",
+        points=case.points[across >= np.quantile(across, share)],
+        occlusion=1 - (1 - case.occlusion) * (1 - share),
+    )
 
 
 def frame_cases(folder: Path, most: int) -> tuple[list[ObjectModel], Iterator[FrameCase]]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +16,7 @@ from grasping.pose.depth_image import depth_image
 from grasping.pose.object_model import object_model
 from grasping.pose.object_pose import Ambiguity, ObjectPose
 from pecgrasp_env.experiments.known_poses import methods
-from pecgrasp_env.experiments.known_poses.cases import CloudCase, FrameCase
+from pecgrasp_env.experiments.known_poses.cases import CloudCase, FrameCase, partly_hidden
 from pecgrasp_env.experiments.known_poses.run import RIGHT, VSD_LEAST, Rows, errors, frame_errors, run_clouds
 from pecgrasp_env.experiments.known_poses.tables import MEASURES, cloud_results, frame_results, table
 from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
@@ -59,6 +60,21 @@ def test_no_pose_counts_as_infinitely_far(model):
     assert shares["no pose"] == 0.25
     assert shares["MSSD < 10 %"] == shares["ADD(-S) < 10 %"] == 0.5
     assert 0.5 <= shares["AUC ADD-S"] < 0.75
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6])
+def test_a_part_is_hidden_beyond_a_straight_edge(model, share):
+    whole = case(model, 0)
+    assert partly_hidden(whole, 0.0) is whole
+    part = partly_hidden(replace(whole, occlusion=0.5), share)
+    assert len(part.points) == pytest.approx((1 - share) * len(whole.points), abs=1)
+    assert part.occlusion == pytest.approx(1 - 0.5 * (1 - share))
+    kept = (whole.points[:, None] == part.points).all(axis=2).any(axis=1)
+    picture = np.column_stack([whole.points[:, :2] / whole.points[:, 2:], np.ones(len(whole.points))])
+    assert linprog(
+        np.zeros(3), A_ub=np.where(kept, -1, 1)[:, None] * picture, b_ub=-1e-6 * np.ones(len(kept)), bounds=(None, None)
+    ).success
+    np.testing.assert_array_equal(part.points, partly_hidden(replace(whole, occlusion=0.5), share).points)
 
 
 def test_a_run_goes_on_where_it_was_stopped(model, tmp_path):
