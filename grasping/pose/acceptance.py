@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from grasping.pose.candidates import Judged, Sought
+from grasping.pose.candidates import Judged, Sought, on_surface
 from grasping.pose.prepared_model import PreparedModel
 
 FloatArray = NDArray[np.float64]
@@ -15,7 +15,9 @@ SURFACE = 0.005  # m between the points that are aligned and judged
 LEAST_SEEN = 0.7  # of the model's surface in sight: 98 % of D435 cut-outs of which up to 40 % is hidden have more
 LEAST_SHOWN = 0.5  # of all of it that faces the camera: what hides more leaves too much to chance
 LEAST_DETAIL = 8.0  # tolerances: the side of a square as large as what was measured on the model
-MOST_CLEAR = 0.1  # of it in front of what was measured there
+MOST_CLEAR = 0.05  # of it in front of what was measured there: of 178 right poses in drawn frames one had more
+MOST_SHARED = 0.27  # tolerances: root mean square of the distance from the model that TOGETHER neighbours share
+TOGETHER = 9  # points, over whose mean noise is little, and the error of a wrong shape is not
 MOST_SUNK = 0.1  # of the model below the table
 LEAST_INLIERS = 0.9  # of a part on one model, where it is one thing: what is on a cut-out's own model, D435 or Kinect
 SMOOTH = 0.9, 0.35  # least cosine of two normals, and greatest slope, with which a surface goes on from point to point
@@ -23,7 +25,7 @@ SMOOTH = 0.9, 0.35  # least cosine of two normals, and greatest slope, with whic
 # may go on where the model ends, in roots of the points explained, which an outline has some 3.5 of. A model that is
 # there from end to end may touch a thing; where it is not, the piece may be another thing's. Then, of all that faces
 # the camera, hidden or not, the least share that was measured, and how far off the points may lie, in tolerances.
-WHOLE, ENDS = (0.95, 0.8, 0.75, 0.45), (0.8, 0.2, LEAST_SHOWN, 1.0)
+WHOLE, ENDS = (0.95, 0.8, 0.75, 0.45), (0.95, 0.2, LEAST_SHOWN, 1.0)
 RIVAL = 0.9  # of the best's score: where a model of another class and shape fits as well, the piece tells neither
 OTHER = 0.1  # of the diameter: how far a point of one pose must be from the other for the two to differ
 
@@ -44,7 +46,23 @@ def refusal(judged: Judged, sought: Sought) -> str:
         return f"{fits} {judged.sunk[0]:.0%} of it would lie below the table, at most {MOST_SUNK:.0%} may"
     if SURFACE * np.sqrt(judged.inliers[0] * len(sought.points)) < LEAST_DETAIL * sought.tolerance:
         return f"{fits} what is seen of it is too small for the sensor's noise to tell its shape"
+    shared = shared_residual(judged, sought) / sought.tolerance
+    if shared > MOST_SHARED:
+        return f"{fits} its surface bends otherwise: neighbours are off by {shared:.2f} tolerances together"
     return "" if judged.inliers[0] >= LEAST_INLIERS else _beside_others(judged, sought)
+
+
+def shared_residual(judged: Judged, sought: Sought) -> float:
+    """Root mean square, m, of the distance along normals of the points on the best pose, each with its neighbours'.
+
+    Infinite where fewer than TOGETHER lie on it.
+    """
+    on, off = on_surface(judged.prepared, sought, judged.T[:1])
+    place, off = sought.points[on[0]], off[0, on[0]]
+    if len(place) < TOGETHER:
+        return float("inf")
+    together = off[cKDTree(place).query(place, k=TOGETHER)[1]].mean(axis=1)
+    return float(np.sqrt(np.mean(together * together)))
 
 
 def _beside_others(judged: Judged, sought: Sought) -> str:

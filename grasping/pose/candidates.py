@@ -73,12 +73,8 @@ class Judged:
 
 def judge(prepared: PreparedModel, sought: Sought, T: FloatArray) -> Judged:
     """What speaks for each of the poses T_scene_object (H, 4, 4), in the order of their scores."""
-    model, grid = prepared.model, prepared.grid
-    partner, place = partners(grid, sought.points, sought.normals, T)
-    offset = place - grid.points[partner]
-    off = np.abs(np.einsum("hsi,hsi->hs", offset, grid.normals[partner]))
-    far = np.einsum("hsi,hsi->hs", offset, offset)
-    on = (partner >= 0) & (off < sought.tolerance) & (far < (SIDEWAYS * sought.tolerance) ** 2)
+    model = prepared.model
+    on, off = on_surface(prepared, sought, T)
     count = on.sum(axis=1)
     inliers = on.mean(axis=1)
     residual = np.sqrt((off * off * on).sum(axis=1) / np.maximum(count, 1))
@@ -99,6 +95,16 @@ def judge(prepared: PreparedModel, sought: Sought, T: FloatArray) -> Judged:
         *(seen / facing, sunk, residual, score),
     )
     return judged.of(order)
+
+
+def on_surface(prepared: PreparedModel, sought: Sought, T: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Which points (H, S) lie on the model at each of the poses (H, 4, 4), and how far before its surface (H, S), m."""
+    grid = prepared.grid
+    partner, place = partners(grid, sought.points, sought.normals, T)
+    offset = place - grid.points[partner]
+    off = np.einsum("hsi,hsi->hs", offset, grid.normals[partner])
+    far = np.einsum("hsi,hsi->hs", offset, offset)
+    return (partner >= 0) & (np.abs(off) < sought.tolerance) & (far < (SIDEWAYS * sought.tolerance) ** 2), off
 
 
 def refined(prepared: PreparedModel, sought: Sought, T: FloatArray, reach: float, steps: int) -> Judged:
