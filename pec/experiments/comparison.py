@@ -19,6 +19,7 @@ from pec.errors import ConfigError, DatasetError
 from pec.experiments.grid_rows import order_name, protocol_name
 from pec.metrics import among_known, average_views, predict_log_probabilities
 from pec.statistics import mcnemar, wilson_interval
+from pec.training.costs import measure_costs
 from pec.training.finished_runs import FinishedRun, read_finished
 
 __all__ = ["compare_classifiers", "comparison_table"]
@@ -33,10 +34,12 @@ def compare_classifiers(
     and what `dataset.removed` takes, alike for all runs.
 
     Returns `n_test`, `n_objects`; `runs`, a row each: `run`, `network`, `points`, `order`, `protocol`, `seed`,
-    `accuracy`, `interval`; `pairs`: `first`, `second`, `only_first`, `only_second`, `p` of McNemar's exact test;
-    `together`, the accuracy of the mean of all calibrated probabilities; and `missed`, the clouds that half of the runs
-    or more get wrong, most missed first: `cloud` (its place in the stored data set), `class`, `taken_for` by most of
-    those runs, `missed_by`. Intervals and p are for other clouds of the same objects, and for these trained networks.
+    `accuracy`, `interval`, and what one cloud costs it, measured here one run after another (`pec.training.costs`):
+    `parameters`, `multiply_adds`, `network_ms`, `raw_cloud_ms`; `pairs`: `first`, `second`, `only_first`,
+    `only_second`, `p` of McNemar's exact test; `together`, the accuracy of the mean of all calibrated probabilities;
+    and `missed`, the clouds that half of the runs or more get wrong, most missed first: `cloud` (its place in the
+    stored data set), `class`, `taken_for` by most of those runs, `missed_by`. Intervals and p are for other clouds of
+    the same objects, and for these trained networks.
     Raises CheckpointError where a folder holds no finished run, DatasetError where runs were tested on other clouds
     than the first, ConfigError where there are no runs.
     """
@@ -52,7 +55,7 @@ def compare_classifiers(
             if difference:
                 raise DatasetError(f"{folder} {difference} than {runs[0]}")
             of_runs.append(_answers(run, seed))
-            rows.append(_row(folder, run))
+            rows.append(_row(folder, run) | measure_costs(run.checkpoint).as_dict())
     assert first is not None
     labels = torch.from_numpy(first.test.labels)
     answers = torch.stack(of_runs)
@@ -80,6 +83,7 @@ def comparison_table(comparison: dict[str, Any]) -> str:
     """Markdown: the runs, each against the first; then, by class, the clouds that the runs miss together."""
     rows, n_runs, n_test = comparison["runs"], len(comparison["runs"]), comparison["n_test"]
     head = ["run", "model", "points", "order", "protocol", "seed", "test %", "Wilson 95 %"]
+    head += ["parameters", "multiply-adds", "network ms", "raw cloud ms"]
     head += ["only it is right", "only the first is right", "p, McNemar exact"]
     lines = [" | ".join(head), " | ".join(["---"] * len(head))]
     # The first run's pairs come first, in the order of the others.
@@ -91,7 +95,10 @@ def comparison_table(comparison: dict[str, Any]) -> str:
         low, high = row["interval"]
         said = ["/".join(Path(row["run"]).parts[-2:])]
         said += [str(row[name]) for name in ("network", "points", "order", "protocol", "seed")]
-        lines.append(" | ".join([*said, f"{100 * row['accuracy']:.2f}", f"{100 * low:.1f}–{100 * high:.1f}", *counts]))
+        said += [f"{100 * row['accuracy']:.2f}", f"{100 * low:.1f}–{100 * high:.1f}"]
+        said += [f"{row['parameters']:,}", f"{row['multiply_adds']:,}"]
+        said += [f"{row['network_ms']:.2f}", f"{row['raw_cloud_ms']:.2f}"]
+        lines.append(" | ".join([*said, *counts]))
     missed = comparison["missed"]
     by_all = [cloud for cloud in missed if cloud["missed_by"] == n_runs]
     lines += [
