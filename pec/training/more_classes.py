@@ -31,10 +31,11 @@ from pec.training.form_fit import fit_witness
 from pec.training.knowing_fit import with_knowing
 from pec.training.run_data import RunData, load_run_data
 
-__all__ = ["fit", "run_to_go_on", "with_outputs"]
+__all__ = ["epochs_for", "fit", "run_to_go_on", "with_outputs"]
 
 _SPARED = 5  # of the new clouds of a class every fifth is not learnt: it sets thresholds
 _FEWEST = 5
+_EPOCHS, _FEWEST_EPOCHS, _MOST_PASSES = 10, 3, 60_000
 _RATE = 0.5  # of the run's own learning rate: the weights are good already
 
 
@@ -43,7 +44,7 @@ def fit(
     clouds: Mapping[str, Sequence[np.ndarray]],
     *,
     data: str | None = None,
-    epochs: int = 10,
+    epochs: int | None = None,
     seed: int = 0,
     progress: bool = False,
 ) -> Classifier:
@@ -52,18 +53,20 @@ def fit(
     run: output folder of `pecgrasp train`, whose clouds are learnt along, so they must still lie where they were, or in
     `data`. clouds: of each new class its clouds (N, 3), metres, as the camera gives them, of one or several things;
     five at least, some dozens are better; for fewer, `Classifier.enrol`. They count as much as the clouds of a class of
-    the run. epochs: passes over all. seed: of all draws. `Classifier.save` keeps what is returned.
+    the run. epochs: passes over all; None: ten, or fewer, three at least, where ten were more than 60,000 clouds, which
+    take some two minutes of a core. seed: of all draws. `Classifier.save` keeps what is returned.
     Raises ConfigError where a name is empty, reserved or taken, CloudError where clouds are too few or bad,
     CheckpointError where `run` holds no finished run or one that cannot go on, DatasetError where its clouds are gone.
     """
     finished = run_to_go_on(run, data)
     checkpoint, config = finished.checkpoint, finished.config
     _check_names(clouds, checkpoint.classes)
-    config = replace(config, seed=seed, protocol=replace(config.protocol, epochs=epochs))
-    config = replace(config, protocol=replace(config.protocol, learning_rate=_RATE * config.protocol.learning_rate))
+    protocol = replace(config.protocol, learning_rate=_RATE * config.protocol.learning_rate)
     with torch_threads(config.threads):
         old = load_run_data(replace(finished.config, progress=progress), torch.device("cpu"))
         joined = _with_classes(old, clouds, checkpoint.preprocess, seed)
+        epochs = epochs_for(len(joined.training)) if epochs is None else epochs
+        config = replace(config, seed=seed, protocol=replace(protocol, epochs=epochs))
         model = with_outputs(checkpoint, len(joined.classes))
         learning = Epochs(config, joined.training, len(joined.classes))
         optimizer = torch.optim.AdamW(model.parameters(), weight_decay=config.protocol.weight_decay, fused=True)
@@ -78,6 +81,11 @@ def fit(
         if checkpoint.forms is not None:
             more = replace(more, forms=fit_witness(joined.training, len(joined.classes), config.augment, seed))
         return Classifier(with_knowing(calibrated(more, config, joined.selection), joined), seed)
+
+
+def epochs_for(n_clouds: int) -> int:
+    """How often `fit` learns so many clouds where nobody says it."""
+    return max(_FEWEST_EPOCHS, min(_EPOCHS, _MOST_PASSES // n_clouds))
 
 
 def run_to_go_on(run: str | os.PathLike[str], data: str | None = None) -> FinishedRun:

@@ -12,7 +12,7 @@ from pec.errors import CloudError, ConfigError
 from pec.networks.registry import build_model
 from pec.preprocessing.preprocess import Preprocess
 from pec.training import fit, train
-from pec.training.more_classes import with_outputs
+from pec.training.more_classes import epochs_for, with_outputs
 from tests.pec.conftest import shape, write_shapes
 
 
@@ -64,6 +64,10 @@ def test_what_the_network_said_of_the_others_it_says_with_more_outputs(network):
     more = with_outputs(checkpoint, 6).eval()
     points = torch.randn(5, 64, 3, generator=torch.Generator().manual_seed(0))
     assert torch.allclose(more(points)[:, [0, 1, 2, 5]], model(points), atol=1e-6)
+
+
+def test_large_runs_are_passed_over_less_often_so_that_teaching_takes_minutes():
+    assert [epochs_for(n) for n in (10, 6_000, 8_000, 15_000, 100_000)] == [10, 10, 7, 4, 3]
 
 
 def test_the_same_seed_gives_the_same_classifier(run):
