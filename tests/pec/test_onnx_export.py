@@ -49,7 +49,8 @@ def test_classifier_can_be_built_of_the_exported_file(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in MODELS if name not in ("pec", "knn", "forest")])
+# CurveNet walks step by step: its export takes minutes.
+@pytest.mark.parametrize("name", [name for name in MODELS if name not in ("pec", "knn", "forest", "curvenet")])
 def test_other_networks_are_the_same_in_onnxruntime(name, tmp_path):
     checkpoint = _checkpoint(name, Preprocess(ordering="none"))  # of which the export uses the number of points
     session = onnxruntime.InferenceSession(str(export_onnx(checkpoint, tmp_path / "model.onnx")))
