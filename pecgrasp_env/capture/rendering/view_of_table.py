@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["draw_view"]
+__all__ = ["FROM_A_STAND", "FROM_A_WRIST", "draw_view"]
 
 _FARTHEST_M = 1.4
-_ELEVATION = np.radians((25.0, 80.0))
+FROM_A_STAND, FROM_A_WRIST = (25.0, 80.0), (60.0, 89.9)  # degrees above the table
 _ROLL = np.radians(4.0)
 
 
 def draw_view(
-    target: np.ndarray, azimuths: tuple[float, float], nearest: float, rng: np.random.Generator
+    target: np.ndarray,
+    azimuths: tuple[float, float],
+    nearest: float,
+    rng: np.random.Generator,
+    elevations: tuple[float, float] = FROM_A_STAND,
 ) -> np.ndarray:
     """T_world_camera (4, 4), OpenCV's axes, of a camera that looks at about the target (3,), m.
 
-    ``nearest`` to 1.4 m from it, 25° to 80° above the table, nearly level; azimuths: between which it stands, rad.
+    ``nearest`` to 1.4 m from it, nearly level. azimuths: between which it stands, rad. elevations: between which it
+    looks down, degrees, less than 90.
     """
     distance = nearest + (_FARTHEST_M - nearest) * rng.uniform() ** 2  # more often near than far
-    elevation = np.arcsin(rng.uniform(*np.sin(_ELEVATION)))  # as even over the half sphere as the limits allow
+    sines = np.sin(np.radians(elevations))
+    elevation = np.arcsin(rng.uniform(*sines))  # as even over the half sphere as the limits allow
     azimuth = rng.uniform(*azimuths)
     away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     eye = target + distance * away

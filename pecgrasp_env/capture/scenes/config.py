@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pecgrasp_env.capture.config import CaptureError
+from pecgrasp_env.objects import CLASSES
 from pecgrasp_env.sensor import D435, CameraIntrinsics
 from pecgrasp_env.sensor.structured_light_noise import STRUCTURED_LIGHT
 
@@ -51,6 +52,10 @@ class SceneObjectsConfig:
     """Factor from the units of the folder's meshes to metres."""
     allow_open: bool = False
     """Take meshes of the folder that are not closed, as thin shells."""
+    classes: tuple[str, ...] | None = None
+    """Of the catalogue that come; None: all."""
+    plain_share: float = 0.65
+    """Of the drawn objects that are plain shapes: what has no name has more shapes than the catalogue has classes."""
     plain_instances: int = 100
     """Of each plain shape, drawn by seed."""
     catalogue_instances: int = 12
@@ -61,6 +66,11 @@ class SceneObjectsConfig:
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
             raise CaptureError(f"objects.share must lie in 0 … 1 and not be 0, got {self.share}")
+        for name in self.classes or ():
+            if name not in CLASSES:
+                raise CaptureError(f"objects.classes: {name!r} does not exist; choose of {', '.join(CLASSES)}")
+        if not 0 <= self.plain_share <= 1:
+            raise CaptureError(f"objects.plain_share must lie in 0 … 1, got {self.plain_share}")
         if self.scale <= 0:
             raise CaptureError(f"objects.scale must be positive, got {self.scale}")
         for name, least in (("plain_instances", 1), ("catalogue_instances", 1), ("seed", 0)):
@@ -113,7 +123,10 @@ class FramesConfig:
         """From the mapping that conf/generate_scenes.yaml makes; keys that do not decide the data are passed over."""
         names = ("scenes", "frames_per_scene", "fewest", "most", "kinds", "cameras", "val_share", "seed", "shard_size")
         given = {name: settings[name] for name in names if name in settings}
-        return cls(objects=SceneObjectsConfig(**settings["objects"]), **given)
+        objects = dict(settings["objects"])
+        if objects.get("classes") is not None:
+            objects["classes"] = tuple(objects["classes"])
+        return cls(objects=SceneObjectsConfig(**objects), **given)
 
     def described(self) -> dict[str, Any]:
         """What decides the data, as JSON has it."""

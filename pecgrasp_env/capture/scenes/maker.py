@@ -10,7 +10,7 @@ import sapien
 
 from pecgrasp_env.capture.config import CaptureError
 from pecgrasp_env.capture.rendering.scene_renderer import SceneRenderer
-from pecgrasp_env.capture.rendering.view_of_table import draw_view
+from pecgrasp_env.capture.rendering.view_of_table import FROM_A_STAND, FROM_A_WRIST, draw_view
 from pecgrasp_env.capture.scenarios.base import sample_seed
 from pecgrasp_env.capture.scenes.arrangement import Arrangement, arrange_scene
 from pecgrasp_env.capture.scenes.config import CAMERAS, FramesConfig
@@ -63,7 +63,7 @@ class SceneMaker:
             camera = CAMERAS[name]
             for _ in range(_VIEWS):
                 middle = poses[:, :3].mean(axis=0) if rng.random() < 0.7 else poses[rng.integers(len(poses)), :3]
-                T_world_camera = draw_view(middle, room.azimuths, _nearest(name), rng)
+                T_world_camera = _view(middle, room.azimuths, name, rng)
                 exact, labels = self._renderer.render(T_world_camera, camera)
                 on_objects = np.bincount(labels.reshape(-1), minlength=256)[FIRST_OBJECT:BIN_LABEL]
                 if on_objects.max() >= _LEAST_SHARE * labels.size:
@@ -130,9 +130,13 @@ def _measure(
     return depth, labels
 
 
-def _nearest(camera: str) -> float:
-    """m from which frames are taken: what is nearer than some 0.5 m structured light does not measure."""
-    return 0.6 if camera.startswith("structured_light") else 0.45
+def _view(middle: np.ndarray, azimuths: tuple[float, float], camera: str, rng: np.random.Generator) -> np.ndarray:
+    """T_world_camera (4, 4) of a camera of `CAMERAS`: structured light stands beside the table, and what is nearer than
+    some 0.5 m it does not measure; every second D435 is on a wrist.
+    """
+    if camera.startswith("structured_light"):
+        return draw_view(middle, azimuths, 0.6, rng)
+    return draw_view(middle, azimuths, 0.45, rng, FROM_A_WRIST if rng.random() < 0.5 else FROM_A_STAND)
 
 
 def _placed(box: Box) -> tuple[np.ndarray, sapien.Pose]:

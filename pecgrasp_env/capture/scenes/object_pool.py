@@ -15,7 +15,6 @@ from pecgrasp_env.objects.procedural.primitives import CONTAINERS, PRIMITIVES, m
 __all__ = ["ObjectPool"]
 
 _LARGEST_M = 0.4  # of what lies on a table with others
-_PLAIN_SHARE = 0.65  # of the drawn objects: what has no name has more shapes than fourteen classes
 _LARGE_SHARE = 0.4  # of the scenes in which things are as large as cartons, jars and pans
 _LARGE_M = 0.07  # of their middle side
 _DRAWS = 50
@@ -58,11 +57,11 @@ class ObjectPool:
         return model
 
     def _any_class(self, rng: np.random.Generator) -> str:
-        if rng.random() < _PLAIN_SHARE:
+        if rng.random() < self._config.plain_share:
             names = tuple(PRIMITIVES)
             weights = np.array([3.0 if name in ("cuboid", "cylinder") else 1.0 for name in names])
             return str(rng.choice(names, p=weights / weights.sum()))
-        return str(rng.choice(CLASSES))
+        return str(rng.choice(self._config.classes or CLASSES))
 
     def _drawn(self, name: str, rng: np.random.Generator) -> ObjectModel:
         config = self._config

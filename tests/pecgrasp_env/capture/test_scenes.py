@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pec.errors import DatasetError
 from pecgrasp_env.capture import CaptureError
+from pecgrasp_env.capture.rendering.view_of_table import FROM_A_STAND, FROM_A_WRIST, draw_view
 from pecgrasp_env.capture.scenes.arrangement import KINDS as ARRANGED
 from pecgrasp_env.capture.scenes.arrangement import arrange_scene
 from pecgrasp_env.capture.scenes.card import write_frames_card
@@ -181,3 +182,25 @@ def test_meshes_of_a_folder_come_into_the_scenes(tmp_path):
     assert pool.classes[-1] == "lump"
     assert {model.class_name for model in pool.draw("piled", 3, np.random.default_rng(0))} == {"lump"}
     assert "d435_848x480" in CAMERAS
+
+
+def test_only_what_is_named_comes_into_the_scenes():
+    pool = ObjectPool(replace(FEW, classes=("mouse", "box"), plain_share=0.0))
+    drawn = {model.class_name for seed in range(4) for model in pool.draw("piled", 3, np.random.default_rng(seed))}
+    assert drawn == {"mouse", "box"}
+    with pytest.raises(CaptureError, match=r"objects.classes: 'mous' does not exist; choose of .*mouse"):
+        replace(FEW, classes=("mous",))
+    with pytest.raises(CaptureError, match=r"objects.plain_share must lie in 0 … 1, got 2"):
+        replace(FEW, plain_share=2)
+
+
+@pytest.mark.parametrize("elevations", [FROM_A_STAND, FROM_A_WRIST])
+def test_a_camera_looks_down_between_two_elevations(elevations):
+    rng = np.random.default_rng(0)
+    target = np.array([0.1, -0.2, 0.03])
+    eyes = np.array([draw_view(target, (-np.pi, np.pi), 0.45, rng, elevations)[:3, 3] for _ in range(200)]) - target
+    distance = np.linalg.norm(eyes, axis=1)
+    height = np.degrees(np.arcsin(eyes[:, 2] / distance))
+    assert elevations[0] < height.min() < elevations[0] + 5
+    assert elevations[1] - 8 < height.max() < elevations[1]
+    assert 0.45 <= distance.min() <= distance.max() <= 1.4
