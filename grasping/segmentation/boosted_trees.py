@@ -17,8 +17,8 @@ from grasping.segmentation import kernels
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-FORMAT = 1
-KINDS = ("near", "far", "thing", "whole")
+FORMAT = 2
+KINDS = ("near", "far", "near_again", "far_again", "thing", "whole")
 ARRAYS = ("feature", "threshold", "left", "right", "missing_left", "value", "start")
 
 
@@ -78,13 +78,16 @@ class BoostedTrees:
 class Relations:
     """What trees say of patches and of groups of them.
 
-    near, far: whether two patches are of one object, of those that adjoin and of those that do not. thing: whether a
+    near, far: whether two patches are of one object, of those that adjoin and of those that do not. near_again,
+    far_again: the same of the parts that patches make in a first grouping. thing: whether a
     group is anything but a wrinkle of the table or of the background. whole: whether it is one thing, all that is seen
     of it. about: where the trees come from: data, its hash, metrics.
     """
 
     near: BoostedTrees
     far: BoostedTrees
+    near_again: BoostedTrees
+    far_again: BoostedTrees
     thing: BoostedTrees
     whole: BoostedTrees
     about: dict[str, Any]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from grasping.segmentation.boosted_trees import Relations
+from grasping.segmentation.boosted_trees import BoostedTrees, Relations
 from grasping.segmentation.group_features import OF_GROUP, group_features
 from grasping.segmentation.grouping import Grouping, probability
-from grasping.segmentation.surfaces import WHOLE_RATHER, Surfaces
+from grasping.segmentation.hidden_halves import join_halves
+from grasping.segmentation.surfaces import Surfaces
 from grasping.segmentation.working_image import ALIKE, WorkingImage
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +20,8 @@ Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
+WHOLE_RATHER = 0.5  # log odds: real tables are less of a heap than the scenes that the trees were trained on
+PARTS_RATHER = -1.5  # log odds at most of the first grouping: what it joins wrongly nothing parts again
 SCRAP, SURELY_NO_WHOLE, LEAST_ODDS = 300, 0.3, -4.0  # pixels, probability, log odds of being of its neighbour
 STEP, STEPS = 0.008, 8  # m between points of one object, and how often one is given on
 FLYING = 0.03  # 1/m from all pixels around: a point in the air
@@ -42,31 +45,58 @@ class SurfaceGroups:
 
 @dataclass(frozen=True)
 class PatchGroups:
-    """features: (G + 1, len(OF_GROUP)) of the groups. whole: (G + 1,) how sure, in [0, 1], each is a whole thing."""
+    """parts: surfaces whose patches are what patches make in a first grouping; of_patch: (n + 1,) each patch's part.
+    grouping: of the parts. features: (G + 1, len(OF_GROUP)) of the groups. whole: (G + 1,) how sure, in [0, 1], each is
+    a whole thing.
+    """
 
+    parts: Surfaces
+    of_patch: IntArray
     grouping: Grouping
     features: Float32Array
     whole: FloatArray
 
 
 def group_patches(surfaces: Surfaces, relations: Relations, whole_rather: float = WHOLE_RATHER) -> PatchGroups:
-    """Group the patches of an image; specks, and scraps that are surely no whole thing, go with what they adjoin.
+    """Group the patches of an image, to parts first, and these to things: of two parts that are almost whole more can
+    be said than of the patches on either side of their border. Specks, and scraps that are surely no whole thing, go
+    with what they adjoin.
 
     whole_rather: as `Segmenter` takes it.
     """
-    grouping = surfaces.group(relations, whole_rather).without_specks(surfaces.sums.pixels)
-    groups = _described(surfaces, grouping, relations)
+    parts_rather = min(PARTS_RATHER, whole_rather)
+    first = surfaces.group(relations.near, relations.far, parts_rather)
+    of_patch = _parts(first, surfaces)
+    parts = surfaces.merged(of_patch)
+    grouping = parts.group(relations.near_again, relations.far_again, whole_rather)
+    # Halves go on in each other face by face, and faces are patches.
+    odds = first.odds + np.where(first.adjoin, whole_rather - parts_rather, 0.0)
+    faces = replace(first, group=grouping.group[of_patch], odds=odds)
+    joined = np.zeros_like(grouping.group)
+    joined[of_patch] = join_halves(faces, surfaces.sums.pixels).group
+    grouping = replace(grouping, group=joined).without_specks(parts.sums.pixels)
+    groups = _described(parts, of_patch, grouping, relations)
     pixels = groups.features[:, OF_GROUP.index("pixels")]
     scraps = np.flatnonzero((pixels > 0) & (pixels < SCRAP) & (groups.whole < SURELY_NO_WHOLE))
     if not len(scraps):
         return groups
     left = grouping.given_away(scraps[np.argsort(pixels[scraps])], LEAST_ODDS)
-    return groups if np.array_equal(left.group, grouping.group) else _described(surfaces, left, relations)
+    return groups if np.array_equal(left.group, grouping.group) else _described(parts, of_patch, left, relations)
 
 
-def _described(surfaces: Surfaces, grouping: Grouping, relations: Relations) -> PatchGroups:
-    features = group_features(surfaces.sums_of_groups(grouping), grouping, surfaces.up)
-    return PatchGroups(grouping, features, probability(relations.whole.log_odds(features)))
+def parts_of(surfaces: Surfaces, near: BoostedTrees, far: BoostedTrees, whole_rather: float) -> IntArray:
+    """(n + 1,) the part, from 1 up and 0 for patch 0, that each patch is of after the first grouping."""
+    return _parts(surfaces.group(near, far, whole_rather), surfaces)
+
+
+def _parts(first: Grouping, surfaces: Surfaces) -> IntArray:
+    group = first.without_specks(surfaces.sums.pixels).group
+    return np.unique(group, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def _described(parts: Surfaces, of_patch: IntArray, grouping: Grouping, relations: Relations) -> PatchGroups:
+    features = group_features(parts.sums_of_groups(grouping), grouping, parts.up)
+    return PatchGroups(parts, of_patch, grouping, features, probability(relations.whole.log_odds(features)))
 
 
 def group_by_surfaces(
@@ -87,7 +117,7 @@ def group_by_surfaces(
         table, noise = surfaces.relief.table, surfaces.relief.noise
         of_table = table.ravel() if image.pixel_a_point else table.ravel().take(image.cells, mode="clip")
         above = image.point_inverse_depth - of_table
-    of_pixel = groups.grouping.group.astype(np.int32).take(surfaces.labels)
+    of_pixel = groups.grouping.group.astype(np.int32).take(groups.parts.labels)
     number = _of_points(image, of_pixel, table)
     number[~valid] = 0
     thing = probability(relations.thing.log_odds(groups.features))

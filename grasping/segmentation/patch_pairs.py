@@ -48,6 +48,16 @@ class Borders:
     second: IntArray
     adjoining: IntArray
 
+    def of_parts(self, part: IntArray) -> Borders:
+        """Those between parts that patches make together. part: (n + 1,) each patch's."""
+        sizes = np.diff(self.start)
+        one, other = np.repeat(part[self.first], sizes), np.repeat(part[self.second], sizes)
+        between = np.flatnonzero(one != other)
+        inner, outer = self.inner[between], self.outer[between]
+        return _sorted(
+            one[between], other[between], inner, outer, self.steps[between], self.along_row[between], int(part.max())
+        )
+
 
 def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
     """Find where patches adjoin, or have only a few pixels that are `unknown` (h, w) between them."""
@@ -59,18 +69,31 @@ def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
         steps = far[at].astype(np.int64)
         found.append((at, at + steps * step, steps, np.full(len(at), far is along_row)))
     one, other, steps_, rows = (np.concatenate(part) for part in zip(*found, strict=True))
-    swap = flat[one] > flat[other]
-    inner, outer = np.where(swap, other, one), np.where(swap, one, other)
-    key = flat[inner].astype(np.int64) * (count + 1) + flat[outer]
+    return _sorted(flat[one].astype(np.int64), flat[other].astype(np.int64), one, other, steps_, rows, count)
+
+
+def _sorted(
+    patch: IntArray,
+    other_patch: IntArray,
+    pixel: IntArray,
+    other_pixel: IntArray,
+    steps: IntArray,
+    along_row: NDArray[np.bool_],
+    count: int,
+) -> Borders:
+    """The borders of pixel pairs (B,) of two patches, of which there are so many."""
+    swap = patch > other_patch
+    inner, outer = np.where(swap, other_pixel, pixel), np.where(swap, pixel, other_pixel)
+    key = np.minimum(patch, other_patch) * (count + 1) + np.maximum(patch, other_patch)
     order = np.argsort(key, kind="stable")
     pairs, start = np.unique(key[order], return_index=True)
-    steps = steps_[order]
+    inner, outer, steps = inner[order], outer[order], steps[order]
     return Borders(
-        inner=inner[order],
-        outer=outer[order],
+        inner=inner,
+        outer=outer,
         steps=steps,
-        along_row=rows[order],
-        forward=np.where(swap, -1, 1)[order],
+        along_row=along_row[order],
+        forward=np.sign(outer - inner),
         start=np.append(start, len(order)),
         first=pairs // (count + 1),
         second=pairs % (count + 1),

@@ -13,14 +13,14 @@ from grasping.errors import ConfigError, require_between
 from grasping.geometry.clustering import by_label
 from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.by_footprints import clusters_in_space, clusters_on_table
-from grasping.segmentation.by_surfaces import SurfaceGroups, give_hidden, group_by_surfaces
+from grasping.segmentation.by_surfaces import WHOLE_RATHER, SurfaceGroups, give_hidden, group_by_surfaces
 from grasping.segmentation.depth_holes import parts_over_holes
 from grasping.segmentation.frame import Frame
 from grasping.segmentation.object_rules import Limits, ObjectRules, Sorted, Tabletop, upward
 from grasping.segmentation.planes import Plane, fit_all
 from grasping.segmentation.published import PublishedSegmenter
 from grasping.segmentation.scene import Cut, Rejected, Scene
-from grasping.segmentation.surfaces import MOST_SURE, WHOLE_RATHER, Surfaces
+from grasping.segmentation.surfaces import MOST_SURE, Surfaces
 from grasping.segmentation.trained import trained_relations
 from grasping.segmentation.working_image import WorkingImage
 from grasping.validation import FARTHEST, unit_vector

@@ -1,22 +1,22 @@
 """Tell things apart that touch, lean, hide and lie on each other: surfaces, and which of them are of one object.
 
 An image is cut into patches of smooth surface; trees, trained on simulated scenes, say of each pair of patches how sure
-they are of one object; and the patches are grouped by all of that together.
+they are of one object; and the patches are grouped by all of that together. What is grouped so can be looked at once
+more as if it were patches (`merged`).
 """
 
 from __future__ import annotations
 
-from functools import cached_property
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.segmentation.boosted_trees import Relations
+from grasping.segmentation.boosted_trees import BoostedTrees
 from grasping.segmentation.correlation_clustering import cluster
 from grasping.segmentation.grouping import Grouping
-from grasping.segmentation.hidden_halves import join_halves
 from grasping.segmentation.pair_features import AT_BORDER, border_features, shape_features, stand_apart
-from grasping.segmentation.patch_measures import PatchMeasures, PatchSums, add_up_patches, measures_of
+from grasping.segmentation.patch_measures import PatchSums, add_up_patches
 from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes, patches_at_holes
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surface_patches import cut_into_patches
@@ -30,7 +30,6 @@ IntArray = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 FAR_LENGTH = 6.0  # pixels of border that a pair which does not adjoin counts like
-WHOLE_RATHER = 0.5  # log odds: real tables are less of a heap than the scenes that the trees were trained on
 APART = -12.0  # log odds of two that stand one behind the other: surer than the trees ever are
 MOST_SURE = 9.0  # log odds: no single pair outvotes all others
 
@@ -42,7 +41,7 @@ class Surfaces:
         self.image = image
         self.positions = image.positions()
         measured = image.inverse_depth > 0
-        self.up = up = None if plane is None else plane[:3]
+        self.up = None if plane is None else plane[:3]
         self.relief: Relief | None = None
         if plane is None:
             stands_out = measured
@@ -76,9 +75,30 @@ class Surfaces:
             height if self.relief is None else self.relief.above,
             np.nan if self.relief is None else self.relief.noise,
         )
-        at_border, in_front = border_features(self.borders, fits, self.positions, self.labels, height, up, self.sums)
+        self._describe_pairs()
+
+    def merged(self, part: IntArray) -> Surfaces:
+        """The same image with parts, which patches make together, as patches. part: (n + 1,) each patch's, 0 for patch
+        0, and all from 1 up.
+        """
+        merged = copy(self)
+        merged.labels, merged.count = part.astype(np.int32).take(self.labels), int(part.max())
+        merged.borders = self.borders.of_parts(part)
+        merged.sums = self.sums.of_groups(part, self.borders.first, self.borders.second, self.borders.adjoining)
+        merged._describe_pairs()
+        # Of parts the border is longer, and hides what stands behind which: two that stand apart somewhere do so.
+        low, high = (np.sort(part[np.stack([self.borders.first, self.borders.second])], axis=0)[:, self.apart]).tolist()
+        apart = set(zip(low, high, strict=True))
+        pairs = zip(merged.borders.first.tolist(), merged.borders.second.tolist(), strict=True)
+        merged.apart = merged.apart | np.array([pair in apart for pair in pairs], dtype=bool)
+        return merged
+
+    def _describe_pairs(self) -> None:
+        at_border, in_front = border_features(
+            self.borders, self.fits, self.positions, self.labels, self.height, self.up, self.sums
+        )
         level = at_border[:, AT_BORDER.index("level")]
-        holes = patches_at_holes(self.labels, image.inverse_depth)
+        holes = patches_at_holes(self.labels, self.image.inverse_depth)
         hidden = hidden_pairs(self.borders, in_front[0], in_front[1], level, holes)
         at_hole = pairs_at_holes(holes, self.borders)
         far = sorted(hidden | at_hole)
@@ -91,15 +111,11 @@ class Surfaces:
             np.array(nothing + [pair in hidden for pair in far], dtype=bool),
             np.array(nothing + [pair in at_hole for pair in far], dtype=bool),
             self.sums,
-            up,
+            self.up,
         )
         self.near_features = np.concatenate([at_border, of_both[: len(nothing)]], axis=1)
         self.far_features = of_both[len(nothing) :]
-
-    @cached_property
-    def measures(self) -> PatchMeasures:
-        """What is measured on each patch."""
-        return measures_of(self.sums)
+        self.apart = stand_apart(self.near_features)
 
     def sums_of_groups(self, grouping: Grouping) -> PatchSums:
         """What is added up over groups of patches."""
@@ -107,16 +123,17 @@ class Surfaces:
         adjoining[: len(self.borders.first)] = self.borders.adjoining
         return self.sums.of_groups(grouping.group, grouping.first, grouping.second, adjoining)
 
-    def group(self, relations: Relations, whole_rather: float = WHOLE_RATHER) -> Grouping:
-        """Say which patches are of one object. whole_rather: log odds by which any two that adjoin rather are."""
-        near = np.clip(relations.near.log_odds(self.near_features) + whole_rather, -MOST_SURE, MOST_SURE)
-        near = np.where(stand_apart(self.near_features), np.minimum(near, APART), near)
-        far = np.clip(relations.far.log_odds(self.far_features), -MOST_SURE, MOST_SURE)
+    def group(self, of_adjoining: BoostedTrees, of_others: BoostedTrees, whole_rather: float) -> Grouping:
+        """Say which patches are of one object, by trees for pairs that adjoin and for those that do not. whole_rather:
+        log odds by which any two that adjoin rather are.
+        """
+        near = np.clip(of_adjoining.log_odds(self.near_features) + whole_rather, -MOST_SURE, MOST_SURE)
+        near = np.where(self.apart, np.minimum(near, APART), near)
+        far = np.clip(of_others.log_odds(self.far_features), -MOST_SURE, MOST_SURE)
         first = np.concatenate([self.borders.first, self.far_first])
         second = np.concatenate([self.borders.second, self.far_second])
         odds = np.concatenate([near, far])
         length = np.sqrt(np.concatenate([np.diff(self.borders.start), np.full(len(far), FAR_LENGTH)]))
         # Patch 0 is no patch: alone it is cluster 0, and objects count from 1.
         adjoin = np.arange(len(first)) < len(near)
-        group = cluster(self.count + 1, first, second, odds * length)
-        return join_halves(Grouping(group, first, second, odds, length, adjoin), self.sums.pixels)
+        return Grouping(cluster(self.count + 1, first, second, odds * length), first, second, odds, length, adjoin)

@@ -13,6 +13,8 @@ TRAINED = Path(__file__).with_name("relations.npz")
 NAMES: dict[str, tuple[str, ...]] = {
     "near": (*AT_BORDER, *OF_BOTH),
     "far": tuple(OF_BOTH),
+    "near_again": (*AT_BORDER, *OF_BOTH),
+    "far_again": tuple(OF_BOTH),
     "thing": tuple(OF_GROUP),
     "whole": tuple(OF_GROUP),
 }

@@ -6,8 +6,8 @@ patch's object is that of most of its pixels; a pair's example weighs as much as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grasping.errors import CloudError
-from grasping.segmentation.boosted_trees import BoostedTrees, Relations
-from grasping.segmentation.by_surfaces import group_patches
+from grasping.segmentation.boosted_trees import KINDS, BoostedTrees, Relations
+from grasping.segmentation.by_surfaces import group_patches, parts_of
 from grasping.segmentation.segmenter import Segmenter
 from grasping.segmentation.surfaces import Surfaces
 from pecgrasp_env.experiments.kept_examples import Examples, KeptExamples
@@ -28,7 +28,10 @@ NumberedFrame = tuple[int, NDArray, NDArray]
 """A frame's number among all, which draws what is done to it; its cloud (H, W, 3), m; labels (H, W): 0 background, 1
 the table, from 2 up the objects."""
 
-TREES, LEAVES = 200, 24
+STEPS = {"pairs": ("near", "far"), "parts": ("near_again", "far_again"), "groups": ("thing", "whole")}
+"""What is learnt one after the other, each from what the trees before it make of frames that they did not see."""
+
+TREES, LEAVES = 300, 31
 TREES_OF_HALF = 100  # suffice to make groups with the faults that such trees make
 RATE, LEAST_EXAMPLES, RIDGE = 0.08, 20, 1.0
 OBJECTS = 2  # labels from this up are objects; 1 is the table, 0 all else
@@ -36,6 +39,7 @@ WITHOUT_TABLE = 0.15  # of the frames are cut once more as if no table had been 
 WITH_BARS = 0.5  # of the frames are cut once more with bars before some objects
 MOST_BARS, LEAST_HIDDEN = 3, 400  # of them, and pixels of an object that one is held before
 LENGTHWISE = 0.7  # of the bars stand across the object's long side
+PARTS_RATHER = (-3.0, -1.5, 0.0)  # log odds by which patches are grouped to the parts that are learnt from
 WHOLE = 0.75  # of the union of a group and its object, that both have
 LEAST_PURITY = 0.6  # of a patch's pixels that are of one object; of a mixed patch nothing is right
 
@@ -127,27 +131,38 @@ def add_pairs(cut: CutFrame, near: Examples, far: Examples) -> None:
     ):
         one, other = cut.owner[first], cut.owner[second]
         purity = np.minimum(cut.purity[first], cut.purity[second])
-        weight = np.sqrt(np.minimum(surfaces.measures.pixels[first], surfaces.measures.pixels[second])) * purity
+        weight = np.sqrt(np.minimum(surfaces.sums.pixels[first], surfaces.sums.pixels[second])) * purity
         weight[purity < LEAST_PURITY] = 0
         weight[(one < OBJECTS) & (other < OBJECTS)] = 0
         found.add(features, one == other, weight)
 
 
+def add_pairs_again(cut: CutFrame, near: BoostedTrees, far: BoostedTrees, examples: tuple[Examples, Examples]) -> None:
+    """Add pairs of the parts that patches make by trees, near and far, as `add_pairs` adds those of patches."""
+    for rather in PARTS_RATHER:
+        of_patch = parts_of(cut.surfaces, near, far, rather)
+        of_label = _pixels_of_labels(cut, of_patch)
+        purity = of_label.max(axis=1) / np.maximum(np.bincount(of_patch, cut.surfaces.sums.pixels), 1)
+        add_pairs(CutFrame(cut.surfaces.merged(of_patch), of_label.argmax(axis=1), purity, cut.points), *examples)
+
+
+def _pixels_of_labels(cut: CutFrame, group: IntArray) -> FloatArray:
+    """(G + 1, L) the pixels of each group that are of each label; of patches, what most of each is. group: (n + 1,)."""
+    of_label = np.zeros((int(group.max()) + 1, max(len(cut.points), OBJECTS + 1)))
+    np.add.at(of_label, (group, cut.owner), cut.surfaces.sums.pixels * cut.purity)
+    return of_label
+
+
 def add_groups(cut: CutFrame, relations: Relations, thing: Examples, whole: Examples) -> None:
     """Add groups as the trees for pairs make them: whether they are things, and whether whole ones."""
     groups = group_patches(cut.surfaces, relations)
-    count, most = len(groups.features), len(cut.points)
-    if most <= OBJECTS:
-        most = OBJECTS + 1
-    points = np.zeros(most)
+    group = groups.grouping.group[groups.of_patch]
+    of_objects = _pixels_of_labels(cut, group)[:, OBJECTS:]
+    points = np.zeros(OBJECTS + of_objects.shape[1])
     points[: len(cut.points)] = cut.points
-    of_label = np.zeros((count, most))
-    pixels = cut.surfaces.measures.pixels
-    np.add.at(of_label, (groups.grouping.group, cut.owner), pixels * cut.purity)
-    total = np.bincount(groups.grouping.group, pixels, minlength=count)
-    of_objects = of_label[:, OBJECTS:]
+    total = np.bincount(group, cut.surfaces.sums.pixels)
     best = of_objects.argmax(axis=1)
-    shared = of_objects[np.arange(count), best]
+    shared = of_objects[np.arange(len(total)), best]
     union = total + points[OBJECTS:][best] - shared
     weight = np.sqrt(total)
     weight[0] = 0
@@ -216,55 +231,56 @@ def as_arrays(trees: Sequence[NDArray[Any]], baseline: float) -> BoostedTrees:
     )
 
 
-def share_name(what: str, share: int) -> str:
-    """What the examples of a share of the frames are kept by. what: "pairs" or "groups"."""
-    return f"{what}_{share:05d}"
+def share_name(step: str, share: int) -> str:
+    """What the examples of a share of the frames are kept by. step: of `STEPS`."""
+    return f"{step}_{share:05d}"
 
 
 def train(
     shares: Sequence[Callable[[], Iterable[NumberedFrame]]], kept: KeptExamples, about: dict[str, Any], seed: int
 ) -> Relations:
-    """Trees for pairs of all frames, and for groups that the trees of one half of the frames make of the other.
+    """Trees for pairs of all frames, for pairs of the parts that the trees of one half of the frames make of the other,
+    and for groups likewise.
 
-    shares: of the frames, each called at most twice, and not at all where `kept` has what it gives.
+    shares: of the frames, each called once for each of `STEPS`, and not where `kept` has what it gives.
     """
-    near, far = (Examples(), Examples()), (Examples(), Examples())
-    for i, frames in enumerate(shares):
-        found = kept.examples(share_name("pairs", i), partial(_pairs, frames, seed))
-        near = (near[0] + found["near_0"], near[1] + found["near_1"])
-        far = (far[0] + found["far_0"], far[1] + found["far_1"])
-    halves = [kept.trees(f"half_{i}", partial(_half, near[i], far[i], seed)) for i in (0, 1)]
-    thing, whole = Examples(), Examples()
-    for i, frames in enumerate(shares):
-        found = kept.examples(share_name("groups", i), partial(_groups, frames, halves, seed))
-        thing, whole = thing + found["thing"], whole + found["whole"]
+    halves = [_trees(dict.fromkeys(KINDS, as_arrays([], 0.0)), {})] * 2
+    found: dict[str, Examples] = {}
+    for step, kinds in STEPS.items():
+        for i, frames in enumerate(shares):
+            new = kept.examples(share_name(step, i), partial(_examples, step, frames, halves, seed))
+            found |= {name: found.get(name, Examples()) + new[name] for name in new}
+        if step != "groups":  # nothing is learnt from what is made of them
+            halves = [kept.trees(f"{step}_{i}", partial(_half, i, kinds, found, halves[i], seed)) for i in (0, 1)]
 
     def all_trees() -> Relations:
-        pairs = fit_trees(near[0] + near[1], seed), fit_trees(far[0] + far[1], seed)
-        return Relations(*pairs, fit_trees(thing, seed), fit_trees(whole, seed), about)
+        return _trees({name: fit_trees(found[f"{name}_0"] + found[f"{name}_1"], seed) for name in KINDS}, about)
 
     return kept.trees("all", all_trees)
 
 
-def _pairs(frames: Callable[[], Iterable[NumberedFrame]], seed: int) -> dict[str, Examples]:
-    """Those of frames of even and of odd numbers."""
-    found = {f"{kind}_{half}": Examples() for kind in ("near", "far") for half in (0, 1)}
-    for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
-        add_pairs(cut, found[f"near_{number % 2}"], found[f"far_{number % 2}"])
-    return found
+def _trees(of_kinds: Mapping[str, BoostedTrees], about: dict[str, Any]) -> Relations:
+    return Relations(**{name: of_kinds[name] for name in KINDS}, about=about)
 
 
-def _groups(
-    frames: Callable[[], Iterable[NumberedFrame]], halves: Sequence[Relations], seed: int
+def _half(number: int, kinds: Sequence[str], found: Mapping[str, Examples], known: Relations, seed: int) -> Relations:
+    """The trees that are known, and those of further kinds for one half of the frames."""
+    grown: dict[str, Any] = {name: fit_trees(found[f"{name}_{number}"], seed, TREES_OF_HALF) for name in kinds}
+    return replace(known, **grown)
+
+
+def _examples(
+    step: str, frames: Callable[[], Iterable[NumberedFrame]], halves: Sequence[Relations], seed: int
 ) -> dict[str, Examples]:
-    """Groups of each frame, by the trees of the half that it is not of."""
-    found = {"thing": Examples(), "whole": Examples()}
+    """What a step asks for, of frames of even (_0) and of odd numbers (_1), by the trees of the other half."""
+    found = {f"{name}_{half}": Examples() for name in STEPS[step] for half in (0, 1)}
     for number, cut in cut_frames(frames(), WITHOUT_TABLE, WITH_BARS, seed):
-        add_groups(cut, halves[1 - number % 2], found["thing"], found["whole"])
+        one, other = (found[f"{name}_{number % 2}"] for name in STEPS[step])
+        trees = halves[1 - number % 2]
+        if step == "pairs":
+            add_pairs(cut, one, other)
+        elif step == "parts":
+            add_pairs_again(cut, trees.near, trees.far, (one, other))
+        else:
+            add_groups(cut, trees, one, other)
     return found
-
-
-def _half(near: Examples, far: Examples, seed: int) -> Relations:
-    """Trees for the pairs of one half of the frames, none for groups."""
-    nothing = as_arrays([], 0.0)
-    return Relations(fit_trees(near, seed, TREES_OF_HALF), fit_trees(far, seed, TREES_OF_HALF), nothing, nothing, {})

@@ -26,9 +26,11 @@ from pecgrasp_env.experiments.kept_examples import Examples, KeptExamples, check
 from pecgrasp_env.experiments.segmenter_page import picture, render
 from pecgrasp_env.experiments.segmenter_scores import FOUND, Tally, score
 from pecgrasp_env.experiments.segmenter_training import (
+    STEPS,
     NumberedFrame,
     add_groups,
     add_pairs,
+    add_pairs_again,
     cut_frames,
     share_name,
     train,
@@ -94,8 +96,8 @@ def train_segmenter(
     sizes = [record.n_samples for manifest in manifests for record in manifest.shards]
     count = sum(sizes)
     about = {"frames": count, "made_by": [manifest.config for manifest in manifests]} | run
-    total = 2 * count + (count if measured is None else sum(record.n_samples for record in measured.shards))
-    done = sum(size for i, size in enumerate(sizes) for what in ("pairs", "groups") if share_name(what, i) in kept)
+    total = len(STEPS) * count + (count if measured is None else sum(record.n_samples for record in measured.shards))
+    done = sum(size for i, size in enumerate(sizes) for step in STEPS if share_name(step, i) in kept)
 
     def read() -> None:
         nonlocal done
@@ -185,6 +187,7 @@ def _examples_apart(apart: Sequence[tuple[Path, bool | None]], relations: Relati
     frames = ((number, cloud_of(frame), labels_of(frame)) for number, (frame, _, _) in enumerate(_frames_apart(apart)))
     for _, cut in cut_frames(frames, 0.0, 0.0, 0):
         add_pairs(cut, kinds["near"], kinds["far"])
+        add_pairs_again(cut, relations.near, relations.far, (kinds["near_again"], kinds["far_again"]))
         add_groups(cut, relations, kinds["thing"], kinds["whole"])
     return kinds
 

@@ -36,7 +36,7 @@ def test_a_row_falls_to_its_leaf_in_each_tree() -> None:
 def test_a_file_gives_back_what_was_written_and_refuses_other_features(tmp_path) -> None:
     names = dict.fromkeys(KINDS, ("width", "height"))
     file = tmp_path / "relations.npz"
-    write_relations(file, Relations(TREES, TREES, TREES, TREES, {"data": "abc"}), names)
+    write_relations(file, Relations(*[TREES] * 6, {"data": "abc"}), names)
     read = read_relations(file, names)
     np.testing.assert_array_equal(read.whole.log_odds(ROWS), ODDS)
     assert read.about == {"data": "abc"}

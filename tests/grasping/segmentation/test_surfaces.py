@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from grasping.segmentation.frame import Frame
-from grasping.segmentation.patch_measures import add_up_patches
+from grasping.segmentation.patch_measures import add_up_patches, measures_of
+from grasping.segmentation.patch_pairs import Borders, borders
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surfaces import Surfaces
 from tests.grasping.rendered_scenes import look_down, render
@@ -72,7 +73,7 @@ def test_without_a_table_all_is_cut_and_what_needs_one_is_not_known() -> None:
     assert image is not None
     surfaces = Surfaces(image, None)
     assert surfaces.count >= 2
-    assert np.isnan(surfaces.measures.heights).all()
+    assert np.isnan(measures_of(surfaces.sums).heights).all()
     assert np.isnan(surfaces.near_features).any()
 
 
@@ -96,3 +97,29 @@ def test_the_sums_of_a_group_are_those_of_its_patches() -> None:
     np.testing.assert_allclose(added.sums, expected.sums, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(added.bins, expected.bins)
     np.testing.assert_array_equal(added.sides, expected.sides)
+
+
+def test_parts_are_described_as_if_they_had_been_cut_so() -> None:
+    boxes = [(-0.05, 0.0, 0.1, 0.12, 0.08), (0.05, 0.04, 0.1, 0.12, 0.14), (0.2, 0.0, 0.05, 0.05, 0.05)]
+    surfaces, _ = surfaces_of(boxes, 0.001)
+    part = np.append(0, np.random.default_rng(0).permutation(np.arange(surfaces.count) % 4 + 1))
+    merged = surfaces.merged(part)
+    np.testing.assert_array_equal(merged.labels, part[surfaces.labels])
+    expected = borders(merged.labels, 4, (merged.labels == 0) & ~surfaces.table)
+
+    def pixels(found: Borders) -> list[set[tuple[int, int, int]]]:
+        rows = list(zip(found.inner.tolist(), found.outer.tolist(), found.steps.tolist(), strict=True))
+        return [set(rows[a:b]) for a, b in zip(found.start[:-1], found.start[1:], strict=True)]
+
+    assert pixels(merged.borders) == pixels(expected)
+    for name in ("start", "first", "second", "adjoining"):
+        np.testing.assert_array_equal(getattr(merged.borders, name), getattr(expected, name))
+    crossing = part[surfaces.borders.first] != part[surfaces.borders.second]
+    assert 0 < crossing.sum() < len(crossing)
+
+
+def test_patches_that_stay_alone_are_described_as_before() -> None:
+    surfaces, _ = surfaces_of([(-0.05, 0.0, 0.1, 0.12, 0.08), (0.05, 0.04, 0.1, 0.12, 0.14)], 0.001)
+    alone = surfaces.merged(np.arange(surfaces.count + 1))
+    np.testing.assert_allclose(alone.near_features, surfaces.near_features, rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(alone.far_features, surfaces.far_features)

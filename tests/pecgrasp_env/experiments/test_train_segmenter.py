@@ -14,7 +14,7 @@ from pecgrasp_env.experiments.train_segmenter import FILE, train_segmenter
 
 HEIGHT, WIDTH, FOCAL, FAR = 120, 160, 150.0, 0.6
 FRAMES = (3, 3, 2)  # of each shard; the last of all is kept apart
-READ = 3 * sum(FRAMES)  # for pairs, for groups, and to measure
+READ = 4 * sum(FRAMES)  # for pairs, for pairs of parts, for groups, and to measure
 
 
 class Stopped(Exception):
@@ -82,12 +82,13 @@ def stop_after(most: int):
     return progress
 
 
-def test_a_run_that_was_stopped_three_times_leaves_the_same_and_repeats_nothing(frames, whole, tmp_path) -> None:
+def test_a_run_that_was_stopped_four_times_leaves_the_same_and_repeats_nothing(frames, whole, tmp_path) -> None:
     examples = tmp_path / "examples"
     for stop, kept in (
         (4, ["pairs_00000"]),  # in the second shard
-        (10, ["half_0", "half_1", "pairs_00000", "pairs_00001", "pairs_00002"]),  # in the first one's groups
-        (17, ["all", "groups_00000", "groups_00001", "groups_00002", "half_0", "half_1"]),  # while it measured
+        (10, ["pairs_0", "pairs_1", "pairs_00000", "pairs_00001", "pairs_00002"]),  # in the first one's parts
+        (18, ["parts_0", "parts_1", "parts_00000", "parts_00001", "parts_00002"]),  # in the first one's groups
+        (25, ["all", "groups_00000", "groups_00001", "groups_00002", "parts_0", "parts_1"]),  # while it measured
     ):
         before = {path: path.stat().st_mtime_ns for path in examples.glob("*.npz")}
         with pytest.raises(Stopped):
@@ -97,7 +98,7 @@ def test_a_run_that_was_stopped_three_times_leaves_the_same_and_repeats_nothing(
         assert not (tmp_path / "results.json").exists()
     seen: list[int] = []
     train_segmenter([frames], tmp_path, progress=lambda done, _: seen.append(done))
-    assert seen == list(range(2 * sum(FRAMES) + 1, READ + 1))  # no frame was cut again
+    assert seen == list(range(3 * sum(FRAMES) + 1, READ + 1))  # no frame was cut again
     for name in (FILE, "results.json"):
         assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
     assert not examples.exists()
@@ -105,7 +106,7 @@ def test_a_run_that_was_stopped_three_times_leaves_the_same_and_repeats_nothing(
 
 def test_a_share_that_is_gone_or_damaged_is_made_again(frames, whole, tmp_path) -> None:
     with pytest.raises(Stopped):
-        train_segmenter([frames], tmp_path, progress=stop_after(17))
+        train_segmenter([frames], tmp_path, progress=stop_after(25))
     (tmp_path / "examples" / "pairs_00001.npz").unlink()
     (tmp_path / "examples" / "groups_00000.npz").write_bytes(b"nothing")
     (tmp_path / "examples" / "all.npz").unlink()
