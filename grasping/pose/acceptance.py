@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -15,8 +17,6 @@ SURFACE = 0.005  # m between the points that are aligned and judged
 LEAST_SEEN = 0.7  # of the model's surface in sight: 98 % of D435 cut-outs of which up to 40 % is hidden have more
 LEAST_SHOWN = 0.5  # of all of it that faces the camera: what hides more leaves too much to chance
 LEAST_DETAIL = 8.0  # tolerances: the side of a square as large as what was measured on the model
-MOST_CLEAR = 0.05  # of it in front of what was measured there: of 178 right poses in drawn frames one had more
-MOST_SHARED = 0.27  # tolerances: root mean square of the distance from the model that TOGETHER neighbours share
 TOGETHER = 9  # points, over whose mean noise is little, and the error of a wrong shape is not
 MOST_SUNK = 0.1  # of the model below the table
 LEAST_INLIERS = 0.9  # of a part on one model, where it is one thing: what is on a cut-out's own model, D435 or Kinect
@@ -25,18 +25,35 @@ SMOOTH = 0.9, 0.35  # least cosine of two normals, and greatest slope, with whic
 # may go on where the model ends, in roots of the points explained, which an outline has some 3.5 of. A model that is
 # there from end to end may touch a thing; where it is not, the piece may be another thing's. Then, of all that faces
 # the camera, hidden or not, the least share that was measured, and how far off the points may lie, in tolerances.
-WHOLE, ENDS = (0.95, 0.8, 0.75, 0.45), (0.95, 0.2, LEAST_SHOWN, 1.0)
+WHOLE, ENDS = (0.95, 0.8, 0.75, 0.45), (0.2, LEAST_SHOWN, 1.0)
 RIVAL = 0.9  # of the best's score: where a model of another class and shape fits as well, the piece tells neither
+
+
+@dataclass(frozen=True)
+class Limits:
+    """clear: of a model in front of what was measured there, at most. shared: tolerances, at most, of the root mean
+    square of the distance from the model that TOGETHER neighbours share. ends: of its surface in sight the least share
+    that was measured, where other things are in the part and little of its surface goes on.
+    """
+
+    clear: float
+    shared: float
+    ends: float
+
+
+AMONG = Limits(clear=0.05, shared=0.27, ends=0.95)  # of 178 right poses in drawn frames one had more in front
+# One class alone is sought: the caller knows that the thing is of it, and what refuses strangers costs poses of it.
+NAMED = Limits(clear=0.1, shared=np.inf, ends=0.8)
 OTHER = 0.1  # of the diameter: how far a point of one pose must be from the other for the two to differ
 
 
-def refusal(judged: Judged, sought: Sought) -> str:
+def refusal(judged: Judged, sought: Sought, limits: Limits) -> str:
     """Why the best of the poses is none, or ""."""
     fits = f"{judged.prepared.model.name} fits best, but"
-    if judged.clear[0] > MOST_CLEAR:
+    if judged.clear[0] > limits.clear:
         return (
             f"{fits} {judged.clear[0]:.0%} of it would stand in front of what was seen there, at most "
-            f"{MOST_CLEAR:.0%} may"
+            f"{limits.clear:.0%} may"
         )
     if judged.seen[0] < LEAST_SEEN:
         return f"{fits} {judged.seen[0]:.0%} of its side was measured, at least {LEAST_SEEN:.0%} must be"
@@ -47,9 +64,9 @@ def refusal(judged: Judged, sought: Sought) -> str:
     if SURFACE * np.sqrt(judged.inliers[0] * len(sought.points)) < LEAST_DETAIL * sought.tolerance:
         return f"{fits} what is seen of it is too small for the sensor's noise to tell its shape"
     shared = shared_residual(judged, sought) / sought.tolerance
-    if shared > MOST_SHARED:
+    if shared > limits.shared:
         return f"{fits} its surface bends otherwise: neighbours are off by {shared:.2f} tolerances together"
-    return "" if judged.inliers[0] >= LEAST_INLIERS else _beside_others(judged, sought)
+    return "" if judged.inliers[0] >= LEAST_INLIERS else _beside_others(judged, sought, limits)
 
 
 def shared_residual(judged: Judged, sought: Sought) -> float:
@@ -65,18 +82,19 @@ def shared_residual(judged: Judged, sought: Sought) -> float:
     return float(np.sqrt(np.mean(together * together)))
 
 
-def _beside_others(judged: Judged, sought: Sought) -> str:
+def _beside_others(judged: Judged, sought: Sought, limits: Limits) -> str:
     """Why it is none in a part of which it explains too little to be all of it, or ""."""
     model, seen, shown = judged.prepared, judged.seen[0], judged.shown[0]
     name = model.model.name
     explained = f"{name} fits best, but explains {judged.inliers[0]:.0%} of the points, not {LEAST_INLIERS:.0%}, and"
-    if seen < ENDS[0]:
-        return f"{explained} {seen:.0%} of its side was measured, at least {ENDS[0]:.0%} must be"
+    ends = (limits.ends, *ENDS)
+    if seen < limits.ends:
+        return f"{explained} {seen:.0%} of its side was measured, at least {limits.ends:.0%} must be"
     local = (sought.points - judged.T[0, :3, 3]) @ judged.T[0, :3, :3]
     on = model.grid.within(local, model.spacing + 2.0 * sought.tolerance)
     runs = goes_on(sought.points, sought.normals, on) / max(np.sqrt(on.sum()), 1.0)
     off = judged.residual[0] / sought.tolerance
-    if not any(seen >= a and runs <= b and shown >= c and off <= d for a, b, c, d in (WHOLE, ENDS)):
+    if not any(seen >= a and runs <= b and shown >= c and off <= d for a, b, c, d in (WHOLE, ends)):
         return f"{explained} the surface goes on where the model ends"
     return ""
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import ConfigError, ModelError
-from grasping.pose.acceptance import LEAST_INLIERS, SURFACE, differ, refusal, rival
+from grasping.pose.acceptance import AMONG, LEAST_INLIERS, NAMED, SURFACE, Limits, differ, refusal, rival
 from grasping.pose.candidates import Judged, Sought, judge, refined, tolerance_at
 from grasping.pose.hypotheses import propose
 from grasping.pose.object_model import ObjectModel
@@ -117,8 +117,12 @@ class PoseEstimator:
         sought = self._sought(parts, part, view)
         coarse = refined(prepared, sought.some(COARSE_POINTS), T, FIRST_REACH * model.diameter, COARSE_STEPS)
         fine = self._fine(prepared, sought, coarse)
-        self.reason = refusal(fine, sought)
+        self.reason = refusal(fine, sought, self._limits)
         return None if self.reason else self._pose(fine, [], parts.index[self._near(parts, part, fine)])
+
+    @property
+    def _limits(self) -> Limits:
+        return NAMED if len({each.model.label for each in self._prepared}) == 1 else AMONG
 
     def _sought(self, parts: Parts, part: IntArray, view: View) -> Sought:
         points = parts.points[part]
@@ -164,10 +168,10 @@ class PoseEstimator:
             if best is None:
                 tried += [each for each in (self._best(prepared, sought) for prepared in own) if each is not None]
                 tried.sort(key=lambda each: -each.score[0])
-                best = next((each for each in tried if not refusal(each, sought)), None)
+                best = next((each for each in tried if not refusal(each, sought, self._limits)), None)
         if not tried:
             return None, [], "no pair of its points is one of a model's"
-        reason = refusal(tried[0], sought) if best is None else rival(best, tried)
+        reason = refusal(tried[0], sought, self._limits) if best is None else rival(best, tried)
         return (None if reason else best), tried, reason
 
     def _best(self, prepared: PreparedModel, sought: Sought) -> Judged | None:

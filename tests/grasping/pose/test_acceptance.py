@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from seen_stones import cut_out, model_of, pose
 
-from grasping.pose.acceptance import MOST_CLEAR, MOST_SHARED, refusal, shared_residual
+from grasping.pose.acceptance import AMONG, NAMED, refusal, shared_residual
 from grasping.pose.candidates import Judged, Sought, judge, tolerance_at
 from grasping.pose.prepared_model import PreparedModel
 from grasping.pose.scene_surface import seen_surface
@@ -41,7 +41,7 @@ def test_noise_is_hardly_shared(side) -> None:
     one, sought = judged(points + noise * normals, normals)
     assert one.residual[0] > 0.25 * TOLERANCE
     assert shared_residual(one, sought) < 0.15 * TOLERANCE
-    assert refusal(one, sought) == ""
+    assert refusal(one, sought, AMONG) == ""
 
 
 def test_a_surface_that_bends_otherwise_is_refused(side) -> None:
@@ -50,8 +50,9 @@ def test_a_surface_that_bends_otherwise_is_refused(side) -> None:
     wave = 0.6 * TOLERANCE * np.sin(along / 0.012)[:, None]  # a bulge each 8 cm
     one, sought = judged(points + wave * normals, normals)
     assert one.inliers[0] > 0.9
-    assert shared_residual(one, sought) > MOST_SHARED * TOLERANCE
-    assert "bends otherwise" in refusal(one, sought)
+    assert shared_residual(one, sought) > AMONG.shared * TOLERANCE
+    assert "bends otherwise" in refusal(one, sought, AMONG)
+    assert refusal(one, sought, NAMED) == ""  # where the thing is known to be a can
 
 
 def test_on_too_few_points_nothing_is_shared(side) -> None:
@@ -66,5 +67,5 @@ def test_what_stands_before_the_measured_is_refused(side) -> None:
     both = np.concatenate([points[cut], behind])
     sought = Sought(points[cut], normals[cut], View.of(both, np.zeros(3)), None, TOLERANCE)
     one = judge(PreparedModel(model_of("can")), sought, CAN[None])
-    assert one.clear[0] > MOST_CLEAR
-    assert "in front of what was seen" in refusal(one, sought)
+    assert one.clear[0] > NAMED.clear
+    assert "in front of what was seen" in refusal(one, sought, NAMED)
