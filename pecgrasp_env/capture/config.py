@@ -234,7 +234,9 @@ class CaptureConfig:
 
     @property
     def samples_of_stranger(self) -> int:
-        """Clouds of each stranger that is drawn."""
+        """Clouds of each stranger that is drawn; in heaps, where they lie among known things, as many as of those."""
+        if self.scenario == "piled":
+            return self.samples_per_instance
         return min(self.objects.strangers_samples, self.samples_per_instance)
 
     @property

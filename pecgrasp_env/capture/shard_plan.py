@@ -38,7 +38,9 @@ def allot(config: CaptureConfig, source: Source) -> tuple[Manifest, list[ShardJo
             (members if number < n_own else strangers).append(member)
             instances.append(instance_entry(source, class_name, number))
     jobs: list[ShardJob] = []
-    for among, n_samples in ((members, config.samples_per_instance), (strangers, config.samples_of_stranger)):
+    together = [([*members, *strangers], config.samples_per_instance)]
+    alone = [(members, config.samples_per_instance), (strangers, config.samples_of_stranger)]
+    for among, n_samples in together if config.scenario == "piled" else alone:
         for group in _groups(config, among, n_samples):
             step = max(1, config.shard_size // len(group))
             for first in range(0, n_samples, step):

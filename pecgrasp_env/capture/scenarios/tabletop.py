@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from grasping import ROBOTIQ_2F_140, CloudError, Segmenter
+from grasping import ROBOTIQ_2F_140, CloudError, Scene, Segmenter
 from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Renderer, Shot
@@ -44,7 +44,7 @@ from pecgrasp_env.sensor.intrinsics import deproject
 if TYPE_CHECKING:
     from pecgrasp_env.sensor import CameraIntrinsics
 
-__all__ = ["Layout", "TabletopScenario", "resting_poses"]
+__all__ = ["CutOut", "Layout", "TabletopScenario", "cut_outs", "resting_poses", "segment_layout"]
 
 _MOST_FRAMES = 200
 """Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
@@ -87,6 +87,54 @@ class Layout:
     on_stand: bool
     """Not the robot's camera, which therefore is nowhere in sight."""
     shots: list[Shot]
+
+
+@dataclass(frozen=True)
+class CutOut:
+    """What the segmenter took for one object. points: (N, 3), m, camera frame.
+
+    owner: the object's place in the layout that most of its points on objects lie on, None where there are none.
+    purity: that one's share of those points. overlap: points on it, of the union with all that is seen of it.
+    """
+
+    points: np.ndarray
+    at_border: bool
+    owner: int | None
+    purity: float
+    overlap: float
+
+
+def segment_layout(layout: Layout, depth: np.ndarray, segmenter: Segmenter) -> Scene | None:
+    """What is seen in a layout's depth (H, W), m; None where nothing is."""
+    try:
+        if layout.on_stand:
+            return segmenter.segment(deproject(depth, layout.camera), up=layout.T_base_camera[2, :3])
+        frame = DepthFrame(depth, layout.camera)
+        return segment_frame(RobotObservation(layout.q, ROBOTIQ_2F_140.stroke, lambda: frame), segmenter)
+    except CloudError:
+        return None
+
+
+def cut_outs(scene: Scene | None, depth: np.ndarray, table: Table, pairs: bool = False) -> list[CutOut]:
+    """The objects of a scene, the largest first, and whose they are; with pairs, behind them those that adjoin, as one.
+
+    depth: (H, W) as it was measured, 0 where it was not.
+    """
+    if scene is None:
+        return []
+    owner = np.where(depth > 0, table.owner, 0).reshape(-1)
+    seen = np.bincount(owner, minlength=len(table.occlusion) + 1)[1:]
+
+    def cut_out(*numbers: int) -> CutOut:
+        points, indices = (np.concatenate([of[i] for i in numbers]) for of in (scene.objects, scene.indices))
+        shares = np.bincount(owner[indices], minlength=len(seen) + 1)[1:]
+        most = int(shares.argmax())
+        purity, overlap = shares[most] / max(shares.sum(), 1), shares[most] / (len(indices) + seen[most] - shares[most])
+        at_border = any(scene.touches_border[i] for i in numbers)
+        return CutOut(points, at_border, most if shares[most] else None, float(purity), float(overlap))
+
+    found = [cut_out(i) for i in range(len(scene.objects))]
+    return found + [cut_out(cut.first, cut.second) for cut in scene.cuts] if pairs else found
 
 
 class TabletopScenario:
@@ -199,50 +247,43 @@ class TabletopScenario:
                 counter["no room"] += 1
             return samples
         depth = measure(self._config, table.depth, layout.camera, layout.rng)
-        try:
-            if layout.on_stand:
-                up = layout.T_base_camera[2, :3]
-                scene = self._segmenter.segment(deproject(depth, layout.camera), up=up)
-            else:
-                frame = DepthFrame(depth, layout.camera)
-                scene = segment_frame(RobotObservation(layout.q, ROBOTIQ_2F_140.stroke, lambda: frame), self._segmenter)
-        except CloudError:
-            for counter in reasons.values():
-                counter["not found"] += 1
-            return samples
-        best: dict[int, tuple[np.ndarray, float, bool]] = {}
-        for points, indices, border in zip(scene.objects, scene.indices, scene.touches_border, strict=True):
-            shares = np.bincount(table.owner.reshape(-1)[indices], minlength=len(layout.shots) + 1)[1:]
-            if not shares.any():
-                rejected["nothing"] += 1
-                continue
-            owner = int(shares.argmax())
-            if owner in best:
-                rejected["fragment"] += 1  # the largest comes first
-            else:
-                best[owner] = points, float(shares[owner] / shares.sum()), border
+        best = self._best(layout, depth, table, subjects, rejected)
         for i, counter in reasons.items():
             occlusion, of_subject = float(table.occlusion[i]), (subjects[i].class_index, subjects[i].instance_index)
             reason = self._reason(occlusion, best.get(i))
             if reason is not None:
                 counter[reason] += 1
                 continue
-            points, purity, _ = best[i]
+            points, purity = best[i].points, best[i].purity
             pose = layout.shots[i].T_camera_object
             samples[i] = CloudSample(points, *of_subject, pose, layout.seed, layout.number, occlusion, purity)
         return samples
 
-    def _reason(self, occlusion: float, cut: tuple[np.ndarray, float, bool] | None) -> str | None:
+    def _best(
+        self, layout: Layout, depth: np.ndarray, table: Table, subjects: Sequence[Subject], rejected: Counter[str]
+    ) -> dict[int, CutOut]:
+        """The largest cut-out of each object of a measured frame (H, W), m, by its place in the layout."""
+        best: dict[int, CutOut] = {}
+        for cut in cut_outs(segment_layout(layout, depth, self._segmenter), depth, table):
+            if cut.owner is None:
+                rejected["nothing"] += 1
+            elif cut.owner in best:
+                rejected["fragment"] += 1  # the largest comes first
+            else:
+                best[cut.owner] = cut
+        return best
+
+    def _reason(self, occlusion: float, cut: CutOut | None) -> str | None:
         """Why a subject gives no sample, or None where it gives one."""
-        if np.isnan(occlusion) or (cut is not None and cut[2]):
+        if np.isnan(occlusion) or (cut is not None and cut.at_border):
             return "out of view"
         if occlusion > self._config.max_occlusion:
             return "hidden"
         if cut is None:
             return "not found"
-        if cut[1] < self._config.tabletop.min_purity:
+        if cut.owner is not None and cut.purity < self._config.tabletop.min_purity:
             return "mixed"
-        if len(cut[0]) < self._config.min_points:
+        if len(cut.points) < self._config.min_points:
             return "too few points"
         return None
 
