@@ -63,7 +63,7 @@ def refusal(judged: Judged, sought: Sought, limits: Limits) -> str:
         return f"{fits} {judged.sunk[0]:.0%} of it would lie below the table, at most {MOST_SUNK:.0%} may"
     if SURFACE * np.sqrt(judged.inliers[0] * len(sought.points)) < LEAST_DETAIL * sought.tolerance:
         return f"{fits} what is seen of it is too small for the sensor's noise to tell its shape"
-    shared = shared_residual(judged, sought) / sought.tolerance
+    shared = 0.0 if np.isinf(limits.shared) else shared_residual(judged, sought) / sought.tolerance
     if shared > limits.shared:
         return f"{fits} its surface bends otherwise: neighbours are off by {shared:.2f} tolerances together"
     return "" if judged.inliers[0] >= LEAST_INLIERS else _beside_others(judged, sought, limits)

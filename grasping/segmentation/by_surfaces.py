@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from grasping.segmentation.boosted_trees import BoostedTrees, Relations
+from grasping.segmentation.boosted_trees import Relations
 from grasping.segmentation.group_features import OF_GROUP, group_features
 from grasping.segmentation.grouping import Grouping, probability
 from grasping.segmentation.hidden_halves import join_halves
@@ -66,7 +66,7 @@ def group_patches(surfaces: Surfaces, relations: Relations, whole_rather: float 
     """
     parts_rather = min(PARTS_RATHER, whole_rather)
     first = surfaces.group(relations.near, relations.far, parts_rather)
-    of_patch = _parts(first, surfaces)
+    of_patch = parts_of(surfaces, first)
     parts = surfaces.merged(of_patch)
     grouping = parts.group(relations.near_again, relations.far_again, whole_rather)
     # Halves go on in each other face by face, and faces are patches.
@@ -84,12 +84,8 @@ def group_patches(surfaces: Surfaces, relations: Relations, whole_rather: float 
     return groups if np.array_equal(left.group, grouping.group) else _described(parts, of_patch, left, relations)
 
 
-def parts_of(surfaces: Surfaces, near: BoostedTrees, far: BoostedTrees, whole_rather: float) -> IntArray:
+def parts_of(surfaces: Surfaces, first: Grouping) -> IntArray:
     """(n + 1,) the part, from 1 up and 0 for patch 0, that each patch is of after the first grouping."""
-    return _parts(surfaces.group(near, far, whole_rather), surfaces)
-
-
-def _parts(first: Grouping, surfaces: Surfaces) -> IntArray:
     group = first.without_specks(surfaces.sums.pixels).group
     return np.unique(group, return_inverse=True)[1].reshape(-1).astype(np.int64)
 

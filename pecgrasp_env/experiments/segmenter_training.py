@@ -140,7 +140,7 @@ def add_pairs(cut: CutFrame, near: Examples, far: Examples) -> None:
 def add_pairs_again(cut: CutFrame, near: BoostedTrees, far: BoostedTrees, examples: tuple[Examples, Examples]) -> None:
     """Add pairs of the parts that patches make by trees, near and far, as `add_pairs` adds those of patches."""
     for rather in PARTS_RATHER:
-        of_patch = parts_of(cut.surfaces, near, far, rather)
+        of_patch = parts_of(cut.surfaces, cut.surfaces.group(near, far, rather))
         of_label = _pixels_of_labels(cut, of_patch)
         purity = of_label.max(axis=1) / np.maximum(np.bincount(of_patch, cut.surfaces.sums.pixels), 1)
         add_pairs(CutFrame(cut.surfaces.merged(of_patch), of_label.argmax(axis=1), purity, cut.points), *examples)

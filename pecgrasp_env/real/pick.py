@@ -145,9 +145,8 @@ class Picker:
     def _act(self, action: np.ndarray, measured: float) -> None:
         q, opening, force = action[:6].astype(float), float(action[6]), float(action[7])
         force = min(force, self._workspace.max_force)
-        self._workspace.check(
-            q, measured, self._arm.lengths
-        )  # what stops the fingers keeps them from where they are sent
+        # What stops the fingers keeps them from where they are sent.
+        self._workspace.check(q, measured, self._arm.lengths)
         self._grip(opening, force)
         self._arm.follow(q, STEP_S).wait(_PATIENCE_S)
 
