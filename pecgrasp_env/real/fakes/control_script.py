@@ -113,7 +113,7 @@ class ControlScript(Program):
         elif command == PROTECTIVE_STOP:
             controller.protective_stop()
         elif command == SET_WATCHDOG:
-            controller.watchdog = (1.0 / max(float(six[0]), 1e-3), controller.time)
+            controller.set_watchdog(float(six[0]))
         elif command == JOINTS_SAFE:
             low, high = controller.plant.arm.limits.T
             safe = bool(((six >= low) & (six <= high)).all())

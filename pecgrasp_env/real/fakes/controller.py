@@ -39,12 +39,14 @@ class Controller:
     """``program``: what runs, with `step()` and `stop()`; None when nothing does. ``time``: s since it was switched on.
 
     ``remote``: an e-Series takes programs from outside in remote mode only. ``tells_lengths``: those of the plant's
-    arm, to who connects, as since PolyScope 3.6.
+    arm, to who connects, as since PolyScope 3.6. ``pace``: simulated seconds a second; the client's processor is no
+    faster than the clock on the wall, so its watchdog waits that many times longer where the pace is above 1.
     """
 
-    def __init__(self, plant: Plant, gripper: FakeRobotiq, version: Version = CB3) -> None:
+    def __init__(self, plant: Plant, gripper: FakeRobotiq, version: Version = CB3, pace: float = 1.0) -> None:
         self.plant, self.gripper, self.version = plant, gripper, version
         self.period = plant.period
+        self._patience = max(pace, 1.0)
         self.integers_in, self.doubles_in = [0] * _INTEGERS, [0.0] * _DOUBLES
         self.integers_out, self.doubles_out = [0] * _INTEGERS, [0.0] * _DOUBLES
         self.time = 0.0
@@ -122,6 +124,10 @@ class Controller:
         self.program = program
 
     # ------------------------------------------------------------ a period
+
+    def set_watchdog(self, least_hz: float) -> None:
+        """End the program when the client is silent for longer than a period of this rate."""
+        self.watchdog = (self._patience / max(least_hz, 1e-3), self.time)
 
     def word_from_client(self, register: int) -> None:
         """A client has written an integer register: that is what watchdogs wait for."""

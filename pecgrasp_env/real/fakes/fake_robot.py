@@ -46,7 +46,7 @@ class FakeRobot:
     ) -> None:
         self.plant = plant
         self.gripper = FakeRobotiq(active)
-        self.controller = Controller(plant, self.gripper, version)
+        self.controller = Controller(plant, self.gripper, version, pace)
         self.network = Network(host)
         self.bench = Network(host)  # which no fault of the cable touches
         self.at_rest_since: float | None = None
