@@ -57,8 +57,8 @@ class Classifier:
 
         seed: of the random start of farthest point sampling, in the published preprocessing only. unknown_below: the
         `Prediction.known` below which a cloud is UNKNOWN, 0 for never; where not given the checkpoint's, which rejects
-        one in twenty clouds of unseen instances of its classes (`pec.metrics.rejection_threshold`). A checkpoint of an
-        older version has nothing but its confidence to know by: there `known` is the confidence.
+        one in twenty clouds of unseen instances of its classes (`pec.metrics.rejection`). A checkpoint of an older
+        version has nothing but its confidence to know by: there `known` is the confidence.
         Raises CheckpointError where it is missing, broken, or of other classes, ConfigError where unknown_below is no
         probability.
         """

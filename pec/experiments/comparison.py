@@ -17,8 +17,8 @@ from pec.common.threads import torch_threads
 from pec.data.tensor_dataset import prepare
 from pec.errors import ConfigError, DatasetError
 from pec.experiments.grid_rows import order_name, protocol_name
-from pec.metrics import among_known, average_views, predict_log_probabilities
-from pec.statistics import mcnemar, wilson_interval
+from pec.metrics.predictions import among_known, average_views, predict_log_probabilities
+from pec.metrics.proportions import mcnemar, wilson_interval
 from pec.training.costs import measure_costs
 from pec.training.finished_runs import FinishedRun, read_finished
 

@@ -17,7 +17,7 @@ from pec.experiments.chart_files import png, standalone_svg
 from pec.experiments.grid import cell_code
 from pec.experiments.grid_plots import grid_plots
 from pec.experiments.grid_rows import Row, differing_settings, group_of, other_settings, read_rows, size_name
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 
 __all__ = ["write_table"]
 

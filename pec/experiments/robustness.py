@@ -19,7 +19,8 @@ from pec.common.threads import torch_threads
 from pec.data.corruptions import CORRUPTIONS, LEVELS, corrupt
 from pec.data.dataset import CloudDataset
 from pec.experiments.grid_rows import order_name
-from pec.metrics import predict_log_probabilities, score
+from pec.metrics.predictions import predict_log_probabilities
+from pec.metrics.scores import score
 from pec.training.finished_runs import read_finished
 
 __all__ = ["measure_robustness", "robustness_table"]

@@ -45,7 +45,7 @@ class Answers:
 
     @cached_property
     def log_probabilities(self) -> np.ndarray:
-        """(B, O): of the mean probability over the views, as `pec.metrics.average_views`, times the other witness's."""
+        """(B, O): of the mean probability over the views, as `average_views`, times the other witness's."""
         said = np.log(np.maximum((self._shares / self._sums).sum(axis=1) / self.logits.shape[1], _NOTHING))
         if self.by_form is None:
             return said

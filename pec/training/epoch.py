@@ -14,7 +14,7 @@ from torch import nn
 from pec.data.augment import augment
 from pec.data.tensor_dataset import PreparedClouds
 from pec.errors import TrainingError
-from pec.metrics import score
+from pec.metrics.scores import score
 from pec.networks.baselines import Memorising, PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.training.config import ProtocolConfig, TrainConfig

@@ -11,7 +11,9 @@ import torch
 from pec.checkpoint import Checkpoint, read_checkpoint, read_training_state, write_checkpoint
 from pec.data.augment import augment
 from pec.data.tensor_dataset import PreparedClouds
-from pec.metrics import Scores, among_known, fit_temperature, predict_log_probabilities, score
+from pec.metrics.calibration import fit_temperature
+from pec.metrics.predictions import among_known, predict_log_probabilities
+from pec.metrics.scores import Scores, score
 from pec.training.config import TrainConfig
 from pec.training.costs import measure_costs
 from pec.training.form_fit import fit_witness

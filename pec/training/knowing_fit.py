@@ -15,7 +15,8 @@ from pec.known.evidence import SCORES, Answers, answers_of, described
 from pec.known.fit import find_prototypes, fit_known, known_of_unseen
 from pec.known.form_witness import form_numbers
 from pec.known.knowing import Knowing
-from pec.metrics import UNSEEN_REJECTED, area_under_roc, arrange_views, rejection_threshold
+from pec.metrics.predictions import arrange_views
+from pec.metrics.rejection import UNSEEN_REJECTED, area_under_roc, rejection_threshold
 from pec.networks.registry import fast_embed
 from pec.training.run_data import RunData
 

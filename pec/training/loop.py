@@ -18,7 +18,8 @@ from tqdm import tqdm
 from pec.common.atomic_files import write_json
 from pec.common.threads import torch_threads
 from pec.errors import ConfigError
-from pec.metrics import arrange_views, log_probabilities, score
+from pec.metrics.predictions import arrange_views, log_probabilities
+from pec.metrics.scores import score
 from pec.networks.baselines import Memorising
 from pec.training.config import TrainConfig, read_config
 from pec.training.doubts import doubts, threshold_doubts

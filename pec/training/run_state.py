@@ -10,7 +10,7 @@ import torch
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
 from pec.data.dataset import UNKNOWN
 from pec.errors import ConfigError
-from pec.metrics import Scores
+from pec.metrics.scores import Scores
 from pec.networks.baselines import Memorising
 from pec.networks.registry import build_model
 from pec.training.config import TrainConfig

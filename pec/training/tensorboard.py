@@ -14,7 +14,7 @@ from torch.utils.tensorboard.summary import hparams
 from pec.checkpoint import Checkpoint
 from pec.common.run_identity import flat_settings
 from pec.data.tensor_dataset import PreparedClouds
-from pec.metrics import Scores
+from pec.metrics.scores import Scores
 from pec.training.config import TrainConfig
 
 __all__ = ["Tracker", "confusion_image"]

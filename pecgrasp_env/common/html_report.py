@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from grasping.viewer.html import page, templates
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 
 
 @dataclass(frozen=True)

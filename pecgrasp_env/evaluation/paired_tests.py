@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pec.statistics import mcnemar
+from pec.metrics.proportions import mcnemar
 from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.grid import Cell
 from pecgrasp_env.evaluation.summary import lifted

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 from pecgrasp_env.evaluation.episode import OUTCOMES, RIGHT, Episode
 
 

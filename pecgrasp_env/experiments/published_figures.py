@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from grasping import ROBOTIQ_2F_140, Grasp, GraspPlan, GraspPlanner
 from pec.common.atomic_files import write_json
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 from pecgrasp_env.objects import make_object
 
 FloatArray = NDArray[np.float64]

@@ -15,7 +15,7 @@ from pec.data.dataset import CloudDataset
 from pec.data.loading import load_dataset
 from pec.data.shards import MANIFEST_NAME, read_manifest
 from pec.errors import DatasetError
-from pec.metrics import UNSEEN_REJECTED, area_under_roc
+from pec.metrics.rejection import UNSEEN_REJECTED, area_under_roc
 from pecgrasp_env.experiments.transfer import cluster_interval
 
 __all__ = ["Answered", "answered", "measure"]

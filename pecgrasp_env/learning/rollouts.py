@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 from pecgrasp_env.robot.gripper_linkage import STROKE
 
 Act = Callable[[Mapping[str, Any]], np.ndarray]

@@ -12,7 +12,10 @@ from pec.checkpoint import Checkpoint, write_checkpoint
 from pec.classifier import UNKNOWN
 from pec.data.loading import load_dataset
 from pec.errors import CheckpointError, CloudError, ConfigError
-from pec.metrics import average_views, expected_calibration_error, fit_temperature, rejection_threshold, score
+from pec.metrics.calibration import expected_calibration_error, fit_temperature
+from pec.metrics.predictions import average_views
+from pec.metrics.rejection import rejection_threshold
+from pec.metrics.scores import score
 from pec.preprocessing.preprocess import Preprocess
 
 CLASSES = ["can", "mug", "box"]

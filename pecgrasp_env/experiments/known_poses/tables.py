@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from grasping.pose.metrics import DIAMETER_SHARE, NEAR_ENOUGH, auc
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 from pecgrasp_env.experiments.known_poses.run import RIGHT, VISIBLE, VSD_LEAST
 
 _DRAWS = 2000

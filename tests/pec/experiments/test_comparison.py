@@ -13,7 +13,7 @@ from pec import Classifier
 from pec.data.loading import load_dataset
 from pec.errors import ConfigError, DatasetError
 from pec.experiments.comparison import compare_classifiers, comparison_table
-from pec.statistics import mcnemar, wilson_interval
+from pec.metrics.proportions import mcnemar, wilson_interval
 from pec.training.finished_runs import read_finished
 from pec.training.loop import train
 

@@ -13,7 +13,7 @@ import pytest
 
 from pec.experiments.grid import cell_key, read_cells, run_cell
 from pec.experiments.grid_table import write_table
-from pec.statistics import wilson_interval
+from pec.metrics.proportions import wilson_interval
 
 ROOT = Path(__file__).parents[3]
 

@@ -14,7 +14,7 @@ from pec.data.tensor_dataset import PreparedClouds
 from pec.known.evidence import Answers
 from pec.known.form_witness import N_NUMBERS, FormWitness, form_numbers
 from pec.known.surface_forms import N_FORMS, reference, surface_forms
-from pec.metrics import predict_log_probabilities
+from pec.metrics.predictions import predict_log_probabilities
 from pec.networks.pec import PEC
 from pec.preprocessing.preprocess import Preprocess
 from pec.training.form_fit import fit_witness

@@ -9,7 +9,7 @@ from pec.known.evidence import SCORES, Answers, scores
 from pec.known.fit import find_prototypes, fit_known, known_of_unseen
 from pec.known.knowing import Knowing, logistic
 from pec.known.shape_distribution import describe_cloud, reference
-from pec.metrics import area_under_roc
+from pec.metrics.rejection import area_under_roc
 from pec.networks.baselines.knn import describe
 
 

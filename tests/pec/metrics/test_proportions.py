@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from pec.statistics import ProportionError, mcnemar, wilson_interval
+from pec.metrics.proportions import ProportionError, mcnemar, wilson_interval
 
 
 @pytest.mark.parametrize(

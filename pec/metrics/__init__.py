@@ -1,0 +1,1 @@
+"""What predictions over many clouds are worth."""
