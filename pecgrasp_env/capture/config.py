@@ -12,10 +12,13 @@ from pecgrasp_env.objects.deform import MOST
 from pecgrasp_env.objects.procedural.catalogue import FAMILIES
 from pecgrasp_env.objects.ycb import LOOK_ALIKES
 from pecgrasp_env.policy.viewpoints import N_VIEWPOINTS
-from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, SensorError, SensorMode, intrinsics_of
+from pecgrasp_env.sensor import SENSOR_MODES, CameraIntrinsics, D435Noise, SensorError, intrinsics_of
+from pecgrasp_env.sensor.structured_light_noise import STRUCTURED_LIGHT, StructuredLightNoise
 
 __all__ = ["SCENARIOS", "CaptureConfig", "CaptureError", "ObjectsConfig", "TabletopConfig"]
 
+SENSORS = (*SENSOR_MODES, "structured_light")
+_FAULTS = {"d435": D435Noise, "structured_light": StructuredLightNoise}
 SCENARIOS = ("free", "tabletop", "piled", "surface")
 SOURCES = ("catalogue", "folder", "ycb", "modelnet10")
 
@@ -108,6 +111,8 @@ class TabletopConfig:
     """Share of the frames that a camera on a stand takes, 0.45 to 1.4 m away from about the table, not the robot's."""
     min_purity: float = 0.95
     """Of a cut-out's points on objects, the least share that lies on the labelled one; 0 keeps all, marked so."""
+    losses: bool = False
+    """Some surfaces lose regions of their depth, as dark and shiny ones do: one object in six about half of it."""
     drops: int = 32
     """Falls of an instance, from which its resting poses are drawn."""
 
@@ -134,11 +139,13 @@ class CaptureConfig:
     "piled": the same, but fallen onto each other. "surface": points from all over the mesh, without a camera."""
     objects: ObjectsConfig = field(default_factory=ObjectsConfig)
     samples_per_instance: int = 1000
-    sensor: SensorMode = "ideal"
+    sensor: str = "ideal"
+    """"ideal" and "d435": a D435 without and with its faults. "structured_light": a Kinect of 2010, Xtion or Carmine,
+    of `tabletop` and `piled`."""
     resolutions: tuple[str, ...] = ("424x240",)
-    """Depth modes of the D435; of several, each frame draws one."""
-    noise: D435Noise = field(default_factory=D435Noise)
-    """Used where sensor is "d435"."""
+    """Depth modes of the camera; of several, each frame draws one."""
+    noise: D435Noise | StructuredLightNoise = field(default_factory=D435Noise)
+    """The sensor's, where it has faults."""
     max_depth: float = 2.0
     """Of `free`, metres along the optical axis: objects are drawn from the camera's minimum depth up to it."""
     tabletop: TabletopConfig = field(default_factory=TabletopConfig)
@@ -161,8 +168,15 @@ class CaptureConfig:
             raise CaptureError(f"scenario {self.scenario!r} does not exist; choose one of {', '.join(SCENARIOS)}")
         if self.seed < 0:
             raise CaptureError(f"seed must not be negative, got {self.seed}")
-        if self.sensor not in SENSOR_MODES:
-            raise SensorError(f"sensor.mode {self.sensor!r} does not exist; choose one of {', '.join(SENSOR_MODES)}")
+        if self.sensor not in SENSORS:
+            raise SensorError(f"sensor.mode {self.sensor!r} does not exist; choose one of {', '.join(SENSORS)}")
+        if self.sensor == "structured_light" and self.scenario not in ("tabletop", "piled"):
+            raise SensorError(
+                f"sensor.mode 'structured_light' sees whole tables, so scenario={self.scenario} has none; choose "
+                "scenario=tabletop or piled, or sensor=d435"
+            )
+        if self.sensor != "ideal" and not isinstance(self.noise, _FAULTS[self.sensor]):
+            raise SensorError(f"noise of {self.sensor} is a {_FAULTS[self.sensor].__name__}, not {self.noise!r}")
         if not self.resolutions or len(set(self.resolutions)) != len(self.resolutions):
             raise CaptureError(f"sensor.resolution must name at least one, none twice, got {list(self.resolutions)}")
         for name, camera in zip(self.resolutions, self.intrinsics, strict=True):
@@ -180,6 +194,7 @@ class CaptureConfig:
         noise = dict(sensor.get("noise") or {})
         if "patch_radius" in noise:
             noise["patch_radius"] = tuple(noise["patch_radius"])
+        faults = _FAULTS.get(sensor["mode"], D435Noise)
         resolution = sensor["resolution"]
         classes = objects["classes"]
         return cls(
@@ -197,7 +212,7 @@ class CaptureConfig:
             ),
             sensor=sensor["mode"],
             resolutions=(resolution,) if isinstance(resolution, str) else tuple(resolution),
-            noise=D435Noise(**noise),
+            noise=faults(**noise),
             **{
                 name: settings[name]
                 for name in (
@@ -230,6 +245,8 @@ class CaptureConfig:
             del described["objects"]["families"]
         if self.objects.deformations == 0:
             del described["objects"]["deformations"], described["objects"]["deformation"]
+        if "tabletop" in described and not self.tabletop.losses:
+            del described["tabletop"]["losses"]
         return json.loads(json.dumps(described))
 
     @property
@@ -242,7 +259,15 @@ class CaptureConfig:
     @property
     def intrinsics(self) -> tuple[CameraIntrinsics, ...]:
         """The cameras of `resolutions`. Raises SensorError where there is none."""
-        return tuple(map(intrinsics_of, self.resolutions))
+        if self.sensor != "structured_light":
+            return tuple(map(intrinsics_of, self.resolutions))
+        for resolution in self.resolutions:
+            if resolution not in STRUCTURED_LIGHT:
+                choice = ", ".join(STRUCTURED_LIGHT)
+                raise SensorError(
+                    f"sensor.resolution {resolution!r} is none of structured light; choose one of {choice}"
+                )
+        return tuple(STRUCTURED_LIGHT[resolution] for resolution in self.resolutions)
 
     @property
     def cameras(self) -> list[dict[str, Any]]:

@@ -73,17 +73,22 @@ def _of_classes(manifest: Manifest) -> str:
 
 
 def _introduction(manifest: Manifest) -> str:
+    on_a_stand = manifest.config.get("tabletop", {}).get("free_views", 0)
+    seen = {0: "its wrist camera from where the policy looks", 1: "a camera on a stand"}.get(
+        on_a_stand, "its wrist camera from where the policy looks, and by a camera on a stand"
+    )
     scenario = {
         "free": "Each object floats alone before a depth camera, in any pose",
-        "tabletop": "Objects lie as they fell on the robot's table, seen by its wrist camera from where the policy "
-        "looks, and cut out by the segmentation that runs on the robot",
-        "piled": "Objects lie on the robot's table as they fell onto each other, seen by its wrist camera from where "
-        "the policy looks, and cut out, with all faults, by the segmentation that runs on the robot",
+        "tabletop": f"Objects lie as they fell on the robot's table, seen by {seen}, and cut out by the segmentation "
+        "that runs on the robot",
+        "piled": f"Objects lie on the robot's table as they fell onto each other, seen by {seen}, and cut out, with "
+        "all faults, by the segmentation that runs on the robot",
         "surface": "Points from all over each mesh, without a camera, scaled to the unit sphere",
     }[manifest.config.get("scenario", "free")]
     sensor = {
         "ideal": "an ideal sensor",
         "d435": "a simulated RealSense D435 with its faults",
+        "structured_light": "a simulated structured-light camera (Kinect, Xtion) with its faults",
     }.get(manifest.config.get("sensor", ""), "no sensor")
     strangers = (
         f" Class {UNKNOWN!r} holds things that are of none of the others." if UNKNOWN in manifest.classes else ""

@@ -20,13 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
-from scipy.special import ndtri
 
 from pecgrasp_env.sensor.d435_noise import squared_incidence, stereo_shadow
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics, SensorError
+from pecgrasp_env.sensor.surface_losses import lost_regions, smooth_normal
 
-__all__ = ["STRUCTURED_LIGHT", "StructuredLightNoise", "apply_structured_light", "lost_regions"]
+__all__ = ["STRUCTURED_LIGHT", "StructuredLightNoise", "apply_structured_light"]
 
 STRUCTURED_LIGHT: dict[str, CameraIntrinsics] = {
     "640x480": CameraIntrinsics(640, 480, 525.0, 525.0, 320.0, 240.0, 0.4),
@@ -118,7 +117,7 @@ def apply_structured_light(
 
     # Slanted windows match less well.
     error = params.subpixel_error * share / np.maximum(cosine, 0.4)
-    disparity = disparity + error.astype(np.float32) * _smooth_normal((height, width), rng, params.correlation)
+    disparity = disparity + error.astype(np.float32) * smooth_normal((height, width), rng, params.correlation)
     step = np.float32(params.disparity_step) * share
     disparity = np.rint(disparity / step) * step
     hole |= disparity < step
@@ -129,22 +128,10 @@ def apply_structured_light(
     return measured, source
 
 
-def lost_regions(chance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(H, W) bool: regions some ten pixels wide in which pixels are lost, each with its `chance` (H, W), 0 … 1."""
-    field = (_smooth_normal(chance.shape, rng, 4.0) + 0.5 * _smooth_normal(chance.shape, rng, 1.0)) / np.sqrt(1.25)
-    return field < ndtri(chance)
-
-
 def _jitter(shape: tuple[int, int], rng: np.random.Generator, size: float) -> np.ndarray:
     """Flat indices (H, W) of pixels some `size` away, neighbours' alike: borders become ragged, not blurred."""
     rows, columns = np.indices(shape, dtype=np.float32)
     for at, most in ((rows, shape[0] - 1), (columns, shape[1] - 1)):
-        at += np.float32(size) * _smooth_normal(shape, rng, 1.5)
+        at += np.float32(size) * smooth_normal(shape, rng, 1.5)
         np.clip(np.rint(at, out=at), 0, most, out=at)
     return (rows * shape[1] + columns).astype(np.int64)
-
-
-def _smooth_normal(shape: tuple[int, int], rng: np.random.Generator, sigma: float) -> np.ndarray:
-    """(H, W) float32, standard normal, correlated as white noise that a Gaussian of `sigma` pixels has smoothed."""
-    field = gaussian_filter(rng.standard_normal(shape, np.float32), sigma, mode="wrap", truncate=3.0)
-    return field / np.float32(field.std())

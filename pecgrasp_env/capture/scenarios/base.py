@@ -11,7 +11,7 @@ import numpy as np
 
 from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig
-from pecgrasp_env.sensor import CameraIntrinsics, apply_d435, apply_ideal
+from pecgrasp_env.sensor import CameraIntrinsics, D435Noise, apply_d435, apply_ideal
 
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel
@@ -62,8 +62,8 @@ def sample_seed(seed: int, class_name: str, instance: str, sample: int) -> int:
 def measure(
     config: CaptureConfig, depth: np.ndarray, intrinsics: CameraIntrinsics, rng: np.random.Generator
 ) -> np.ndarray:
-    """What the configured sensor makes of an exact depth image (H, W), m."""
-    if config.sensor == "d435":
+    """What the configured D435 makes of an exact depth image (H, W), m."""
+    if isinstance(config.noise, D435Noise) and config.sensor == "d435":
         return apply_d435(depth, intrinsics, rng, config.noise)
     return apply_ideal(depth, intrinsics)
 

@@ -63,16 +63,16 @@ class PiledScenario(TabletopScenario):
         return super()._place(models, rng) if self._heap is None else self._heap
 
     def _best(
-        self, layout: Layout, depth: np.ndarray, table: Table, subjects: Sequence[Subject], rejected: Counter[str]
+        self, layout: Layout, measured: Table, subjects: Sequence[Subject], rejected: Counter[str]
     ) -> dict[int, CutOut]:
-        found = super()._best(layout, depth, table, subjects, rejected)
+        found = super()._best(layout, measured, subjects, rejected)
         best = {i: cut for i, cut in found.items() if cut.overlap >= _WHOLE}
         rejected["cut wrongly"] += len(found) - len(best)
         rng = layout.rng
         for i, subject in enumerate(subjects):
             if subject.model.class_name == UNKNOWN and rng.random() < _CUT_WRONGLY:
-                scene = segment_layout(layout, depth, self._cuts[rng.integers(len(self._cuts))])
-                wrong = [cut for cut in cut_outs(scene, depth, table, pairs=True) if self._is_no_object(cut)]
+                scene = segment_layout(layout, measured.depth, self._cuts[rng.integers(len(self._cuts))])
+                wrong = [cut for cut in cut_outs(scene, measured, pairs=True) if self._is_no_object(cut)]
                 if wrong:
                     best[i] = replace(wrong[rng.integers(len(wrong))], owner=None)
         return best

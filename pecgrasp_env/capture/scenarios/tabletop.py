@@ -31,7 +31,8 @@ from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Renderer, Shot
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, compose
 from pecgrasp_env.capture.rendering.view_of_table import draw_view
-from pecgrasp_env.capture.scenarios.base import Captured, Subject, measure, rotation_matrix, sample_seed
+from pecgrasp_env.capture.scenarios.base import Captured, Subject, rotation_matrix, sample_seed
+from pecgrasp_env.capture.scenarios.measured_table import measured_table
 from pecgrasp_env.objects import CLASSES, ObjectModel, make_object
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.perception import segment_frame
@@ -115,15 +116,15 @@ def segment_layout(layout: Layout, depth: np.ndarray, segmenter: Segmenter) -> S
         return None
 
 
-def cut_outs(scene: Scene | None, depth: np.ndarray, table: Table, pairs: bool = False) -> list[CutOut]:
+def cut_outs(scene: Scene | None, measured: Table, pairs: bool = False) -> list[CutOut]:
     """The objects of a scene, the largest first, and whose they are; with pairs, behind them those that adjoin, as one.
 
-    depth: (H, W) as it was measured, 0 where it was not.
+    measured: the table that was cut, with its depth as it was measured.
     """
     if scene is None:
         return []
-    owner = np.where(depth > 0, table.owner, 0).reshape(-1)
-    seen = np.bincount(owner, minlength=len(table.occlusion) + 1)[1:]
+    owner = np.where(measured.depth > 0, measured.owner, 0).reshape(-1)
+    seen = np.bincount(owner, minlength=len(measured.occlusion) + 1)[1:]
 
     def cut_out(*numbers: int) -> CutOut:
         points, indices = (np.concatenate([of[i] for i in numbers]) for of in (scene.objects, scene.indices))
@@ -246,8 +247,8 @@ class TabletopScenario:
             for counter in reasons.values():
                 counter["no room"] += 1
             return samples
-        depth = measure(self._config, table.depth, layout.camera, layout.rng)
-        best = self._best(layout, depth, table, subjects, rejected)
+        measured = measured_table(self._config, table, layout.camera, layout.rng)
+        best = self._best(layout, measured, subjects, rejected)
         for i, counter in reasons.items():
             occlusion, of_subject = float(table.occlusion[i]), (subjects[i].class_index, subjects[i].instance_index)
             reason = self._reason(occlusion, best.get(i))
@@ -260,11 +261,11 @@ class TabletopScenario:
         return samples
 
     def _best(
-        self, layout: Layout, depth: np.ndarray, table: Table, subjects: Sequence[Subject], rejected: Counter[str]
+        self, layout: Layout, measured: Table, subjects: Sequence[Subject], rejected: Counter[str]
     ) -> dict[int, CutOut]:
-        """The largest cut-out of each object of a measured frame (H, W), m, by its place in the layout."""
+        """The largest cut-out of each object of a table as it was measured, by its place in the layout."""
         best: dict[int, CutOut] = {}
-        for cut in cut_outs(segment_layout(layout, depth, self._segmenter), depth, table):
+        for cut in cut_outs(segment_layout(layout, measured.depth, self._segmenter), measured):
             if cut.owner is None:
                 rejected["nothing"] += 1
             elif cut.owner in best:

@@ -19,7 +19,8 @@ from pecgrasp_env.capture.scenes.object_pool import ObjectPool
 from pecgrasp_env.capture.scenes.room import Box, draw_room
 from pecgrasp_env.scene.placement import PlacementError, outline_of
 from pecgrasp_env.sensor import CameraIntrinsics, D435Noise, apply_d435
-from pecgrasp_env.sensor.structured_light_noise import StructuredLightNoise, apply_structured_light, lost_regions
+from pecgrasp_env.sensor.structured_light_noise import StructuredLightNoise, apply_structured_light
+from pecgrasp_env.sensor.surface_losses import draw_losses, lost_regions
 
 __all__ = ["SceneMaker"]
 
@@ -102,11 +103,9 @@ def _weights(weights: Mapping[str, float]) -> tuple[tuple[str, ...], np.ndarray]
 
 
 def _losses(count: int, rng: np.random.Generator) -> np.ndarray:
-    """(256,) by label: what a camera loses of each surface. One object in six loses about half."""
+    """(256,) by label: what a camera loses of each surface, those of objects, of the table and of all else."""
     lost = np.zeros(256, np.float32)
-    fate = rng.random(count)
-    much, little = rng.uniform(0.2, 0.7, count), rng.uniform(0.01, 0.15, count)
-    lost[FIRST_OBJECT : FIRST_OBJECT + count] = np.where(fate < 0.16, much, np.where(fate < 0.4, little, 0.0))
+    lost[FIRST_OBJECT : FIRST_OBJECT + count] = draw_losses(count, rng)
     if rng.random() < 0.15:
         lost[TABLE_LABEL] = rng.uniform(0.0, 0.1)
     lost[0] = rng.choice([0.0, rng.uniform(0, 0.5)])

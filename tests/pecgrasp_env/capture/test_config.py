@@ -9,9 +9,10 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from pecgrasp.cli import main
-from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig
+from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig
 from pecgrasp_env.objects import CLASSES, LARS_CLASSES
 from pecgrasp_env.sensor import SensorError
+from pecgrasp_env.sensor.structured_light_noise import StructuredLightNoise
 
 ROOT = Path(__file__).parents[3]
 
@@ -43,6 +44,16 @@ ROBOT = CaptureConfig(
         (["dataset=lars"], LARS),
         (["dataset=lars", "sensor=d435"], replace(LARS, sensor="d435")),
         (["dataset=lars", "scenario=tabletop", "sensor=d435"], replace(LARS, scenario="tabletop", sensor="d435")),
+        (
+            ["sensor=structured_light", "tabletop.losses=true"],
+            replace(
+                ROBOT,
+                sensor="structured_light",
+                resolutions=("640x480",),
+                noise=StructuredLightNoise(),
+                tabletop=TabletopConfig(losses=True),
+            ),
+        ),
         (["dataset=ycb"], replace(LARS, objects=ObjectsConfig("ycb"))),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
@@ -70,6 +81,13 @@ def test_the_published_set_has_five_classes_and_a_thousand_clouds_an_object():
         ({"resolutions": ("424x240", "424x240")}, CaptureError, "none twice"),
         ({"max_occlusion": 1.5}, CaptureError, "max_occlusion"),
         ({"sensor": "lidar"}, SensorError, "lidar"),
+        ({"sensor": "structured_light"}, SensorError, "scenario=free.*tabletop or piled"),
+        ({"sensor": "structured_light", "scenario": "tabletop"}, SensorError, "noise.*StructuredLightNoise"),
+        (
+            {"sensor": "structured_light", "scenario": "tabletop", "noise": StructuredLightNoise()},
+            SensorError,
+            "424x240.*640x480, 320x240",
+        ),
         ({"scenario": "shelf"}, CaptureError, "shelf.*free, tabletop"),
     ],
 )

@@ -13,15 +13,17 @@ import trimesh
 
 from grasping import Segmenter
 from pec.data.shards import read_manifest, read_shard
-from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate
+from pecgrasp_env.capture import CaptureConfig, CaptureError, ObjectsConfig, TabletopConfig, generate, write_card
 from pecgrasp_env.capture.rendering.depth_renderer import DepthRenderer, Shot
 from pecgrasp_env.capture.rendering.tabletop_depth import Table, background_depth, compose
 from pecgrasp_env.capture.scenarios.base import Captured, Subject
+from pecgrasp_env.capture.scenarios.measured_table import measured_table
 from pecgrasp_env.capture.scenarios.tabletop import TabletopScenario, resting_poses
 from pecgrasp_env.objects import CLASSES, LARS_CLASSES, ObjectModel, Part, make_object
 from pecgrasp_env.policy.viewpoints import look_postures
 from pecgrasp_env.robot import T_TOOL0_CAMERA, forward_kinematics
 from pecgrasp_env.sensor import D435
+from pecgrasp_env.sensor.structured_light_noise import STRUCTURED_LIGHT, StructuredLightNoise
 
 TABLE = CaptureConfig(
     scenario="tabletop",
@@ -270,3 +272,64 @@ def test_the_set_has_the_same_bytes_from_two_workers_and_d435(tmp_path):
 def test_settings_that_make_no_sense_are_named(change, message):
     with pytest.raises(CaptureError, match=rf"tabletop\.{message}"):
         TabletopConfig(**change)
+
+
+def wall_with_squares(count: int, size: tuple[int, int] = (480, 640)) -> Table:
+    """Squares, 120 pixels wide, one an object, 0.2 m before a wall."""
+    depth, owner = np.full(size, 1.0, np.float32), np.zeros(size, np.int16)
+    for i in range(count):
+        here = (slice(40 + 140 * (i // 4), 160 + 140 * (i // 4)), slice(30 + 150 * (i % 4), 150 + 150 * (i % 4)))
+        depth[here], owner[here] = 0.8, i + 1
+    return Table(depth, owner, np.zeros(count))
+
+
+@pytest.mark.parametrize("sensor", ["ideal", "d435", "structured_light"])
+def test_with_losses_one_object_in_six_keeps_less_than_nine_tenths(sensor):
+    light = sensor == "structured_light"
+    noise = StructuredLightNoise() if light else TABLE.noise
+    config = replace(TABLE, sensor=sensor, noise=noise, resolutions=("640x480",))
+    camera = STRUCTURED_LIGHT["640x480"] if light else D435["640x480"]
+    exact = wall_with_squares(12)
+    kept: dict[bool, list[float]] = {}
+    for losses in (False, True):
+        config = replace(config, tabletop=replace(config.tabletop, losses=losses))
+        tables = [measured_table(config, exact, camera, np.random.default_rng(seed)) for seed in range(8)]
+        kept[losses] = [float((table.depth[table.owner == i + 1] > 0).mean()) for table in tables for i in range(12)]
+        again = measured_table(config, exact, camera, np.random.default_rng(0))
+        np.testing.assert_array_equal(again.depth, tables[0].depth)
+    usual = min(kept[False])
+    assert 0.06 < np.mean(np.array(kept[True]) < usual - 0.1) < 0.35  # 0.16 lose a fifth or more
+    assert np.median(kept[True]) > usual - 0.05
+
+
+def test_where_structured_light_moves_a_border_the_owner_goes_along():
+    config = replace(TABLE, sensor="structured_light", noise=StructuredLightNoise(), resolutions=("640x480",))
+    exact = wall_with_squares(12)
+    table = measured_table(config, exact, STRUCTURED_LIGHT["640x480"], np.random.default_rng(1))
+    seen = table.depth > 0
+    assert ((table.depth < 0.9) == (table.owner > 0))[seen].all()
+    assert (table.owner != exact.owner)[seen].any()
+
+
+def test_clouds_of_a_camera_on_a_stand_with_structured_light(tmp_path):
+    light = replace(
+        TABLE,
+        sensor="structured_light",
+        resolutions=("640x480",),
+        noise=StructuredLightNoise(),
+        tabletop=TabletopConfig(drops=6, free_views=1.0, losses=True),
+    )
+    generate(light, tmp_path, workers=1)
+    manifest = read_manifest(tmp_path)
+    assert manifest.config["sensor"] == "structured_light"
+    assert manifest.config["tabletop"]["losses"] is True
+    shard = read_shard(tmp_path / manifest.shards[0].file)
+    depth = shard.points[:, 2]
+    assert depth.min() > 0.35
+    disparity = 525.0 * 0.075 / depth
+    # Whole eighths of a pixel, but for the millimetres to which depth is rounded.
+    steps = np.abs(disparity * 8 - np.rint(disparity * 8))
+    assert np.median(steps) < 8 * np.median(disparity / depth) * 0.0005
+    card = write_card(tmp_path).read_text()
+    assert "structured-light" in card
+    assert "a camera on a stand" in card
