@@ -18,7 +18,7 @@ from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.segmentation import kernels
 
 if TYPE_CHECKING:
-    from grasping.baselines import CentroidPlanner, GeoGraspPlanner, SinglePrimitivePlanner
+    from grasping.baselines import CentroidPlanner, GeoGraspPlanner, LearnedPlanner, SinglePrimitivePlanner
     from grasping.baselines.published.planner import PublishedPlanner
     from grasping.fusion.fuse import Fused, FusedView, fuse
     from grasping.pose.model_planner import ModelPlanner
@@ -39,6 +39,7 @@ _LATER = {
     "PublishedPlanner": "baselines.published.planner",
     "CentroidPlanner": "baselines",
     "GeoGraspPlanner": "baselines",
+    "LearnedPlanner": "baselines",
     "SinglePrimitivePlanner": "baselines",
     "ModelPlanner": "pose.model_planner",
     "ObjectModel": "pose.object_model",
@@ -67,6 +68,7 @@ __all__ = [
     "GraspPlan",
     "GraspPlanner",
     "Gripper",
+    "LearnedPlanner",
     "ModelError",
     "ModelPlanner",
     "ObjectModel",

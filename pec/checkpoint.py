@@ -13,21 +13,17 @@ training_state/           only where training goes on from here
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
-import torch
 from safetensors import SafetensorError
 from safetensors.numpy import load_file as load_arrays
 from safetensors.numpy import save_file as save_arrays
-from safetensors.torch import save_file
 from torch import nn
 
 from pec.common.atomic_files import current_directory, replacing_directory
-from pec.common.checkpoint_files import package_versions, read_json, read_tensors
+from pec.common.checkpoint_files import TrainingState, package_versions, read_json, read_tensors, write_parts
 from pec.errors import CheckpointError, ConfigError
 from pec.known.enrolled import Enrolled
 from pec.known.form_witness import FormWitness
@@ -71,14 +67,6 @@ class Checkpoint:
         return len(self.classes) + self.none_of_these
 
 
-@dataclass(frozen=True)
-class TrainingState:
-    """What is needed to go on training."""
-
-    optimizer: dict[str, torch.Tensor]
-    progress: dict[str, Any]
-
-
 def write_checkpoint(
     directory: str | os.PathLike[str], checkpoint: Checkpoint, state: TrainingState | None = None
 ) -> None:
@@ -96,10 +84,8 @@ def write_checkpoint(
         "epoch": checkpoint.epoch,
         "versions": package_versions(),
     }
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.model.state_dict().items()}
     with replacing_directory(directory) as new:
-        (new / "config.json").write_text(json.dumps(config, indent=1) + "\n")
-        save_file(tensors, new / "model.safetensors")
+        write_parts(new, config, checkpoint.model.state_dict(), state)
         if checkpoint.knowing is not None:
             save_arrays(checkpoint.knowing.tensors(), new / "knowing.safetensors")
         if checkpoint.forms is not None:
@@ -107,10 +93,6 @@ def write_checkpoint(
         if checkpoint.enrolled.names:
             shown = {str(place): each for place, each in enumerate(checkpoint.enrolled.descriptors)}
             save_arrays(shown, new / "enrolled.safetensors")
-        if state is not None:
-            (new / "training_state").mkdir()
-            save_file(state.optimizer, new / "training_state" / "optimizer.safetensors")
-            (new / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")
 
 
 def read_checkpoint(directory: str | os.PathLike[str]) -> Checkpoint:

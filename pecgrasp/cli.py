@@ -18,6 +18,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "generate-scenes": ("sim", "labelled frames of crowded tables, for the segmenter"),
     "train": ("learn", "a classifier"),
     "train-pose": ("learn", "proposals of the poses of known objects"),
+    "train-grasps": ("learn", "what judges or proposes grasps, from their labels"),
     "train-segmenter": ("segmenter", "the segmenter, for another camera"),
     "classify": ("learn", "one cloud, with a trained classifier"),
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),

@@ -19,7 +19,8 @@ def made(section: DictConfig, **more: object) -> Any:
     try:
         return instantiate(section, _partial_=True)(**more)
     except (TypeError, InstantiationException) as error:
-        raise ConfigError(f"{section.get('_target_')}: {error}") from error
+        why = " ".join(str(error).split())  # Hydra says on a second line what went wrong
+        raise ConfigError(f"{section.get('_target_')}: {why}") from error
 
 
 def up_of(cfg: DictConfig) -> Any:

@@ -39,6 +39,7 @@ from grasping.curvature_planner.ranking import LEAST_OVERLAP, Ranked, Rules
 from grasping.curvature_planner.region_report import ObjectReport, report_regions
 from grasping.curvature_planner.scoring import leverage
 from grasping.errors import ConfigError, require_between
+from grasping.geometry.level_frame import GraspScores, level_scores
 from grasping.grasp import Grasp, GraspPlan, plan_from
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.validation import object_rows, require_near, sight, workspace
@@ -69,6 +70,8 @@ class CurvaturePlanner:
     n_points: larger clouds are thinned, to boxes of 2.5 mm and, along the approach, 10 mm.
     compiled: whether to plan with the compiled kernels or with their NumPy reference, which finds the same more slowly;
         None takes the kernels where this installation has them (`grasping.compiled`).
+    rerank: what scores and orders the candidates anew, such as `pec.grasps.GraspScorer`, a trained network; the score
+        that they had is then their term `geometry`. None: they keep it.
 
     Terms of a grasp: those of the score (`scoring.WEIGHTS`), among them `seen`: the share of the fingers' way beside
     the object that was seen, the worse side, 1 where no viewpoint is known; and `assumed`: of the width what no
@@ -89,6 +92,7 @@ class CurvaturePlanner:
         max_tilt: float = math.radians(35),
         n_points: int = 4000,
         compiled: bool | None = None,
+        rerank: GraspScores | None = None,
     ) -> None:
         for name, value, least, most in (
             ("side_clearance", side_clearance, 0.0, gripper.stroke / 2),
@@ -109,6 +113,7 @@ class CurvaturePlanner:
         self.headings = headings
         self.max_tilt = max_tilt
         self.n_points = n_points
+        self.rerank = rerank
         if compiled and not AVAILABLE:
             raise ConfigError("compiled = True, but this installation has no compiled kernels")
         if self._reach <= LEAST_OVERLAP:
@@ -181,7 +186,10 @@ class CurvaturePlanner:
                 measures = self._backend.measure_regions(view, candidates, self.gripper.finger_width)
                 report = report_regions(view, measures, self._rules.greatest_width)
             if ranked is not None:
-                return plan_from(self._grasps(view, ranked, report), report.regions, "")
+                grasps = self._grasps(view, ranked, report)
+                if self.rerank is not None:
+                    grasps = _reranked(self.rerank, grasps, cloud.T, up_vector, plane)
+                return plan_from(grasps, report.regions, "")
             failures.append(reason)
         return plan_from([], [] if report is None else report.regions, failures[0])
 
@@ -263,6 +271,17 @@ class CurvaturePlanner:
             Grasp(pose, width, score, "primitive" if all_of_it else "region", None if all_of_it else region, terms)
             for pose, width, score, all_of_it, region, terms in zip(*found, strict=True)
         ]
+
+
+def _reranked(
+    scores: GraspScores, grasps: list[Grasp], cloud: FloatArray, up: FloatArray | None, table: FloatArray | None
+) -> list[Grasp]:
+    poses, widths = np.array([grasp.pose for grasp in grasps]), np.array([grasp.width for grasp in grasps])
+    said = level_scores(scores, cloud, poses, widths, up, table).tolist()
+    return [
+        replace(grasp, score=score, terms={**grasp.terms, "geometry": grasp.score})
+        for grasp, score in zip(grasps, said, strict=True)
+    ]
 
 
 def _for_object(view: ApproachView, rules: Rules, overlap: float) -> Rules:

@@ -1,9 +1,11 @@
-"""The files that checkpoints are made of: JSON and safetensors, read with errors that name the file."""
+"""The files that checkpoints are made of: JSON and safetensors, read with errors that name the file, and written."""
 
 from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -11,11 +13,19 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 from pec.errors import CheckpointError
 
-__all__ = ["package_versions", "read_json", "read_tensors"]
+__all__ = ["TrainingState", "package_versions", "read_json", "read_tensors", "write_parts"]
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """What is needed to go on training."""
+
+    optimizer: dict[str, torch.Tensor]
+    progress: dict[str, Any]
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -48,3 +58,18 @@ def package_versions() -> dict[str, str]:
     except PackageNotFoundError:
         ours = "not installed"
     return {"pecgrasp": ours, "torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}
+
+
+def write_parts(
+    directory: Path,
+    config: Mapping[str, Any],
+    weights: Mapping[str, torch.Tensor],
+    state: TrainingState | None,
+) -> None:
+    """config.json, model.safetensors and, where training goes on from here, training_state/ in an empty directory."""
+    (directory / "config.json").write_text(json.dumps(config, indent=1) + "\n")
+    save_file({name: t.detach().cpu().contiguous() for name, t in weights.items()}, directory / "model.safetensors")
+    if state is not None:
+        (directory / "training_state").mkdir()
+        save_file(state.optimizer, directory / "training_state" / "optimizer.safetensors")
+        (directory / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")

@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_type_hints
 
 from pec.errors import ConfigError
 
-__all__ = ["one_of", "settings_as"]
+__all__ = ["one_of", "positive", "settings_as"]
 
 T = TypeVar("T")
 
@@ -22,6 +22,13 @@ def one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
     """Raises ConfigError where the setting `name` has a value that is not allowed."""
     if value not in allowed:
         raise ConfigError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+
+
+def positive(**values: float) -> None:
+    """Raises ConfigError where a setting is not; `protocol__epochs=` names protocol.epochs."""
+    for name, value in values.items():
+        if value <= 0:
+            raise ConfigError(f"{name.replace('__', '.')} must be positive, got {value}")
 
 
 def _build(cls: type[T], settings: Mapping[str, Any], where: str) -> T:

@@ -8,16 +8,13 @@ training_state/       optimizer.safetensors and progress.json, only where traini
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from safetensors.torch import save_file
-
 from pec.checkpoint import TrainingState
 from pec.common.atomic_files import current_directory, replacing_directory
-from pec.common.checkpoint_files import package_versions, read_json, read_tensors
+from pec.common.checkpoint_files import package_versions, read_json, read_tensors, write_parts
 from pec.common.settings import settings_as
 from pec.errors import CheckpointError, ConfigError, ModelsError
 from pec.pose.models import PoseModels, read_models, write_models
@@ -50,15 +47,9 @@ def write_pose_checkpoint(
         "epoch": checkpoint.epoch,
         "versions": package_versions(),
     }
-    weights = checkpoint.network.state_dict()
     with replacing_directory(directory) as new:
-        (new / "config.json").write_text(json.dumps(config, indent=1) + "\n")
-        save_file({name: t.detach().cpu().contiguous() for name, t in weights.items()}, new / "model.safetensors")
+        write_parts(new, config, checkpoint.network.state_dict(), state)
         write_models(new / "models.safetensors", checkpoint.models)
-        if state is not None:
-            (new / "training_state").mkdir()
-            save_file(state.optimizer, new / "training_state" / "optimizer.safetensors")
-            (new / "training_state" / "progress.json").write_text(json.dumps(state.progress) + "\n")
 
 
 def read_pose_checkpoint(directory: str | os.PathLike[str]) -> PoseCheckpoint:

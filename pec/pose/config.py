@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pec.common.settings import one_of, settings_as
+from pec.common.settings import one_of, positive, settings_as
 from pec.data.augment import Augment
 from pec.errors import ConfigError
 from pec.pose.network import NetworkConfig
@@ -67,13 +67,7 @@ def read_pose_config(settings: Mapping[str, Any]) -> PoseTrainConfig:
     config = settings_as(PoseTrainConfig, settings)
     protocol = config.protocol
     one_of("device", config.device, ("auto", "cpu", "cuda"))
-    for name, value in (
-        ("protocol.epochs", protocol.epochs),
-        ("protocol.learning_rate", protocol.learning_rate),
-        ("threads", config.threads),
-    ):
-        if value <= 0:
-            raise ConfigError(f"{name} must be positive, got {value}")
+    positive(protocol__epochs=protocol.epochs, protocol__learning_rate=protocol.learning_rate, threads=config.threads)
     if protocol.batch_size < 2:
         raise ConfigError(f"protocol.batch_size must be 2 at least, got {protocol.batch_size}: batch norm needs two")
     if not 0 < config.dataset.validation_fraction < 1:

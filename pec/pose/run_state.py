@@ -10,6 +10,7 @@ from typing import Any
 import torch
 
 from pec.checkpoint import TrainingState, read_training_state
+from pec.common.optimizer_state import adam_moments, adamw, restore_adam_moments
 from pec.common.run_identity import first_difference
 from pec.errors import ConfigError
 from pec.pose.checkpoint import PoseCheckpoint, read_pose_checkpoint, write_pose_checkpoint
@@ -37,12 +38,8 @@ class PoseRunState:
             torch.manual_seed(config.seed)
             self.network = PoseNetwork(config.network, len(models.names))
         self.network.to(device)
-        self.optimizer = torch.optim.AdamW(
-            self.network.parameters(),
-            lr=config.protocol.learning_rate,
-            weight_decay=config.protocol.weight_decay,
-            fused=True if device.type == "cpu" else None,  # one pass over each tensor instead of ten
-        )
+        protocol = config.protocol
+        self.optimizer = adamw(self.network, protocol.learning_rate, protocol.weight_decay, device)
         self.epoch, self.seconds = 0, 0.0
         self.best: dict[str, float] = {"epoch": 0, "likeliest": math.inf}
         self.history: dict[str, list[float]] = {name: [] for name in CURVES}
@@ -58,11 +55,7 @@ class PoseRunState:
             write_pose_checkpoint(self._output / "best", checkpoint)
         for name, value in zip(CURVES, (loss, validation["likeliest"], validation["nearest"], rate), strict=True):
             self.history[name].append(value)
-        moments = {
-            f"{name}/{key}": value.detach().cpu().contiguous()
-            for name, parameter in self.network.named_parameters()
-            for key, value in self.optimizer.state[parameter].items()
-        }
+        moments = adam_moments(self.network, self.optimizer)
         progress = {
             "epoch": self.epoch,
             "seconds": self.seconds,
@@ -79,11 +72,7 @@ class PoseRunState:
             return
         check_same_run(self._config, self._data, state.progress)
         self.network.load_state_dict(read_pose_checkpoint(self._output / "last").network.state_dict())
-        for name, parameter in self.network.named_parameters():
-            self.optimizer.state[parameter] = {
-                key: state.optimizer[f"{name}/{key}"].to(parameter.device if key != "step" else "cpu")
-                for key in ("step", "exp_avg", "exp_avg_sq")
-            }
+        restore_adam_moments(self.network, self.optimizer, state.optimizer)
         self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
         self.best, self.history = state.progress["best"], state.progress["history"]
 

@@ -17,6 +17,7 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
+from pec.common.devices import device_named
 from pec.common.threads import torch_threads
 from pec.errors import ConfigError
 from pec.pose.checkpoint import read_pose_checkpoint
@@ -50,7 +51,7 @@ def train_pose(cfg: Mapping[str, Any]) -> dict[str, Any]:
     """
     config = read_pose_config(cfg)
     results_file = Path(config.output) / "results.json"
-    device = _device(config.device)
+    device = device_named(config.device)
     with torch_threads(config.threads):
         data = _load(config, read_models(config.models), device)
         if results_file.is_file():
@@ -127,9 +128,3 @@ def _results(config: PoseTrainConfig, state: PoseRunState, data: _Data, device: 
         "config": config.decisive(),
         "data": data.version,
     }
-
-
-def _device(name: str) -> torch.device:
-    if name == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("device=cuda, but torch finds no CUDA device")
-    return torch.device("cuda" if name == "auto" and torch.cuda.is_available() else name.replace("auto", "cpu"))

@@ -16,7 +16,7 @@ from pec.classifier import Classifier
 from pec.common.threads import torch_threads
 from pec.networks.registry import fast_forward
 
-__all__ = ["Costs", "measure_costs", "multiply_adds"]
+__all__ = ["Costs", "counted_multiply_adds", "measure_costs", "multiply_adds"]
 
 RAW_POINTS = 2000  # of the cloud that is classified: a mug-sized object half a metre from a D435
 
@@ -59,9 +59,16 @@ def multiply_adds(model: nn.Module, n_points: int) -> int:
     """Of one cloud, in matrix products and convolutions; additions, norms, activations and sorting are not counted."""
     was_training = model.training
     model.eval()
-    with FlopCounterMode(display=False) as counter, torch.no_grad():
-        model(torch.randn(1, n_points, 3, generator=torch.Generator().manual_seed(0)))
+    points = torch.randn(1, n_points, 3, generator=torch.Generator().manual_seed(0))
+    counted = counted_multiply_adds(lambda: model(points))
     model.train(was_training)
+    return counted
+
+
+def counted_multiply_adds(call: Callable[[], object]) -> int:
+    """Of whatever is called, as `multiply_adds` counts them."""
+    with FlopCounterMode(display=False) as counter, torch.no_grad():
+        call()
     return counter.get_total_flops() // 2
 
 

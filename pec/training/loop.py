@@ -16,8 +16,8 @@ import torch
 from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
+from pec.common.devices import device_named
 from pec.common.threads import torch_threads
-from pec.errors import ConfigError
 from pec.metrics.predictions import arrange_views, log_probabilities
 from pec.metrics.scores import score
 from pec.networks.baselines import Memorising
@@ -46,7 +46,7 @@ def train(cfg: Mapping[str, Any]) -> dict[str, Any]:
     if finished is not None:
         return finished
     with _flushed_denormals(), torch_threads(config.threads):
-        device = _device(config.device)
+        device = device_named(config.device)
         data = load_run_data(config, device)
         state = RunState(config, data.classes, data.version, device)
         _fit(config, state, data)
@@ -148,10 +148,3 @@ def _flushed_denormals() -> Iterator[None]:
         yield
     finally:
         torch.set_flush_denormal(False)  # it holds for all arithmetic of the process, the caller's too
-
-
-def _device(name: str) -> torch.device:
-    """Where training runs. On "cuda": Never run: no GPU was at hand."""
-    if name == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("device=cuda, but torch finds no CUDA device")
-    return torch.device("cuda" if name == "auto" and torch.cuda.is_available() else name.replace("auto", "cpu"))

@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 from pec.checkpoint import Checkpoint, TrainingState, read_checkpoint, read_training_state, write_checkpoint
+from pec.common.optimizer_state import adam_moments, adamw, restore_adam_moments
 from pec.data.dataset import UNKNOWN
 from pec.errors import ConfigError
 from pec.metrics.scores import Scores
@@ -44,12 +45,8 @@ class RunState:
         self.model.to(device)
         self.optimizer: torch.optim.Optimizer | None = None
         if not isinstance(self.model, Memorising):
-            self.optimizer = torch.optim.AdamW(
-                self.model.parameters(),
-                lr=config.protocol.learning_rate,
-                weight_decay=config.protocol.weight_decay,
-                fused=True if device.type == "cpu" else None,  # one pass over each tensor instead of ten
-            )
+            protocol = config.protocol
+            self.optimizer = adamw(self.model, protocol.learning_rate, protocol.weight_decay, device)
         self.epoch = 0
         self.seconds = 0.0
         self.best = {"epoch": 0, "accuracy": -1.0, "loss": math.inf}
@@ -86,11 +83,7 @@ class RunState:
 
     def _save(self) -> None:
         assert self.precision is not None
-        moments: dict[str, torch.Tensor] = {}
-        names = {id(parameter): name for name, parameter in self.model.named_parameters()}
-        for parameter, state in self.optimizer.state.items() if self.optimizer else ():
-            for key, value in state.items():
-                moments[f"{names[id(parameter)]}/{key}"] = value.detach().cpu().contiguous()
+        moments = adam_moments(self.model, self.optimizer) if self.optimizer else {}
         progress = {
             "epoch": self.epoch,
             "seconds": self.seconds,
@@ -111,12 +104,8 @@ class RunState:
         if state.progress["classes"] != self.classes:
             raise ConfigError(f"output {self._output} holds a run with classes {state.progress['classes']}")
         self.model.load_state_dict(read_checkpoint(self._output / "last").model.state_dict())
-        for name, parameter in self.model.named_parameters() if self.optimizer else ():
-            assert self.optimizer is not None
-            self.optimizer.state[parameter] = {
-                key: state.optimizer[f"{name}/{key}"].to(parameter.device if key != "step" else "cpu")
-                for key in ("step", "exp_avg", "exp_avg_sq")
-            }
+        if self.optimizer is not None:
+            restore_adam_moments(self.model, self.optimizer, state.optimizer)
         self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
         self.best, self.history = state.progress["best"], state.progress["history"]
         self.precision = Precision(**state.progress["precision"])

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from pec.common.atomic_files import write_json
-from pec.common.run_identity import files_key, settings_key
+from pec.common.run_identity import files_key, flat_settings, settings_key
 from pec.experiments.code_version import code_version
 from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.evaluation.episode import Episode
@@ -34,6 +34,7 @@ _CODE = (
         "pecgrasp_env.envs.selective_grasp",
         "pecgrasp_env.policy.scripted",
         "pec.classifier",
+        "pec.grasps",
     ),
     ("mani-skill", "sapien", "torch", "numpy", "scipy"),
 )
@@ -103,9 +104,14 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
 
 
 def cell_key(settings: Mapping[str, Any]) -> str:
-    """16 hexadecimal digits that differ where the settings, the classifier or the code do."""
+    """16 hexadecimal digits that differ where the settings, the classifier, the planner's networks or the code do."""
     decisive = {name: settings[name] for name in _DECISIVE}
-    return settings_key(decisive, _classifier_version(settings["checkpoint"]), cell_code())
+    learnt = {
+        name: _version(value)
+        for name, value in flat_settings(settings["planner"]).items()
+        if isinstance(value, str) and Path(value).is_dir()
+    }
+    return settings_key(decisive, _version(settings["checkpoint"]), learnt, cell_code())
 
 
 def read_cells(folder: str | os.PathLike[str]) -> list[Cell]:
@@ -130,7 +136,7 @@ def _read_cell(directory: Path) -> Cell:
     )
 
 
-def _classifier_version(checkpoint: str | None) -> str | None:
+def _version(checkpoint: str | None) -> str | None:
     """Hash of the checkpoint's files, wherever they lie; "missing" where it is not."""
     if checkpoint is None:
         return None

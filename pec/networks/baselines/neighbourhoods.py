@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-__all__ = ["farthest_points", "nearest", "squared_distances", "take"]
+__all__ = ["balls", "farthest_points", "nearest", "squared_distances", "take"]
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
@@ -46,3 +46,22 @@ def farthest_points(points: torch.Tensor, n: int) -> torch.Tensor:
         chosen.append(index)
         left = torch.minimum(left, distances[batch, index])
     return torch.stack(chosen, dim=1)
+
+
+def balls(
+    centres: torch.Tensor,
+    points: torch.Tensor,
+    features: torch.Tensor | None,
+    radius: torch.Tensor | float,
+    most: int,
+) -> torch.Tensor:
+    """(B, M, most, 3 + C): of each centre (B, M, 3) the nearest points (B, N, 3) within a radius, less the centre, and
+    their features (B, N, C); places that stay empty repeat the nearest one, which a maximum does not see.
+
+    radius: in the points' unit, or (B, 1, 1) of each cloud.
+    """
+    squared, members = nearest(centres, points, most)
+    within = squared <= torch.as_tensor(radius, device=points.device).square()
+    members = torch.where(within, members, members[..., :1])
+    groups = take(points, members) - centres[:, :, None]
+    return groups if features is None else torch.cat([groups, take(features, members)], dim=3)

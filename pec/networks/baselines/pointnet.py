@@ -17,26 +17,27 @@ from torch import nn
 
 from pec.networks.baselines.layers import Shared, shared_mlp
 
-__all__ = ["PointNet", "VanillaPointNet"]
+__all__ = ["PointNet", "Transform", "VanillaPointNet"]
 
 _PENALTY = 0.001  # weight of the feature transform's distance from an orthogonal matrix, section 4.2
 
 
-class _Transform(nn.Module):
-    """A T-Net: (B, N, size) → (B, size, size), the identity at first."""
+class Transform(nn.Module):
+    """A T-Net: (B, N, size) → (B, size, size), the identity at first; `share` of the published widths."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, share: float = 1.0) -> None:
         super().__init__()
         self.size = size
-        self.points = shared_mlp(size, 64, 128, 1024)
-        self.cloud = shared_mlp(1024, 512, 256)
-        self.matrix = nn.Linear(256, size * size)
+        widths = [round(share * width) for width in (64, 128, 1024, 512, 256)]
+        self.points = shared_mlp(size, *widths[:3])
+        self.cloud = shared_mlp(*widths[2:])
+        self.matrix = nn.Linear(widths[4], size * size)
         nn.init.zeros_(self.matrix.weight)
         with torch.no_grad():
             self.matrix.bias.copy_(torch.eye(size).flatten())
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return self.matrix(self.cloud(self.points(x).amax(dim=1))).view(-1, self.size, self.size)
+        return self.matrix(self.cloud(self.points(x).max(dim=1).values)).view(-1, self.size, self.size)
 
 
 def _classifier(n_classes: int) -> nn.Sequential:
@@ -64,9 +65,9 @@ class PointNet(nn.Module):
 
     def __init__(self, n_points: int = 64, n_classes: int = 5) -> None:
         super().__init__()
-        self.input_transform = _Transform(3)
+        self.input_transform = Transform(3)
         self.low = shared_mlp(3, 64, 64)
-        self.feature_transform = _Transform(64)
+        self.feature_transform = Transform(64)
         self.high = shared_mlp(64, 64, 128, 1024)
         self.cloud = _classifier(n_classes)
 

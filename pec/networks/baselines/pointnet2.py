@@ -18,7 +18,7 @@ import torch
 from torch import nn
 
 from pec.networks.baselines.layers import Shared, shared_mlp
-from pec.networks.baselines.neighbourhoods import farthest_points, nearest, take
+from pec.networks.baselines.neighbourhoods import balls, farthest_points, take
 
 __all__ = ["PointNet2"]
 
@@ -46,12 +46,7 @@ class PointNet2(nn.Module):
         features = None
         for n_centres, radius, level in zip(self.n_centres, _RADII, self.levels, strict=True):
             centres = chosen[:, :n_centres]
-            squared, members = nearest(centres, points, _BALL)
-            # Places of a ball that stay empty repeat its centre, as in the paper: the maximum does not see them.
-            members = torch.where(squared <= (radius * cloud_radius).square(), members, members[..., :1])
-            groups = take(points, members) - centres[:, :, None]
-            if features is not None:
-                groups = torch.cat([groups, take(features, members)], dim=3)
+            groups = balls(centres, points, features, radius * cloud_radius, _BALL)
             points, features = centres, level(groups).amax(dim=2)
         assert features is not None
         return self.cloud(self.rest(torch.cat([points, features], dim=2)).amax(dim=1))

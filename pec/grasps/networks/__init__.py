@@ -1,0 +1,1 @@
+"""Networks that judge or propose grasps on the cloud of one object, each from its paper's facts."""
