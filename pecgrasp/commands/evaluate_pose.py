@@ -15,6 +15,7 @@ from pecgrasp.settings import CONF
 from pecgrasp_env.experiments.known_poses.cases import cloud_cases, frame_cases, partly_hidden, real_views
 from pecgrasp_env.experiments.known_poses.chapter5 import chosen_regions, final_poses
 from pecgrasp_env.experiments.known_poses.methods import METHODS, installed
+from pecgrasp_env.experiments.known_poses.page import render
 from pecgrasp_env.experiments.known_poses.run import Rows, run_clouds, run_frames
 from pecgrasp_env.experiments.known_poses.tables import cloud_results, frame_results, table
 from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
@@ -65,4 +66,5 @@ def main(cfg: DictConfig) -> None:
     text = table(clouds, frames)
     print(text)
     write_whole(output / "table.md", text)
+    write_whole(output / "page.html", render(rows.rows, clouds, frames))
     write_json(output / "results.json", {"clouds": clouds, "frames": frames, "chapter5": chapter5})

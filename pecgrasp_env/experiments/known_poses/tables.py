@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,17 @@ MEASURES: dict[str, Callable[[Sequence[Row]], float]] = {
     "MSSD < 10 %": lambda rows: float(np.mean([_error(r, "mssd") < RIGHT * r["diameter"] for r in rows])),
     "no pose": lambda rows: float(np.mean([r["add"] is None for r in rows])),
 }
+
+
+FOUND = (
+    "found",
+    "found_or_left_open",
+    "found_by_vsd",
+    "two_of_a_kind_both",
+    "stranger_given_a_pose",
+    "wrong_model",
+)
+"""The shares among `frame_results`."""
 
 
 def with_interval(rows: Sequence[Row], measure: Callable[[Sequence[Row]], float]) -> tuple[float, float, float]:
@@ -145,20 +156,26 @@ def table(clouds: Sequence[dict[str, Any]], frames: Sequence[dict[str, Any]]) ->
         lines += ["| clouds | method | n | objects | " + " | ".join(MEASURES) + " | median time |"]
         lines += ["|---|---|---|---|" + "---|" * (len(MEASURES) + 1)]
         for each in clouds:
-            cells = [f"{100 * v:.1f} % ({100 * a:.0f}–{100 * b:.0f})" for v, a, b in each["measures"].values()]
             head = f"| {each['group']} | {each['method']} | {each['n']} | {each['objects']} | "
-            lines.append(head + " | ".join(cells) + f" | {each['median_ms']:.0f} ms |")
+            lines.append(head + " | ".join(in_words(each)) + f" | {each['median_ms']:.0f} ms |")
         lines.append("")
     if frames:
-        found = ("found", "found_or_left_open", "found_by_vsd")
-        names = (*found, "two_of_a_kind_both", "stranger_given_a_pose", "wrong_model")
-        lines += ["| frames | kind | n | " + " | ".join(n.replace("_", " ") for n in names) + " | median time |"]
-        lines += ["|---|---|---|" + "---|" * (len(names) + 1)]
+        lines += ["| frames | kind | n | " + " | ".join(n.replace("_", " ") for n in FOUND) + " | median time |"]
+        lines += ["|---|---|---|" + "---|" * (len(FOUND) + 1)]
         for each in frames:
-            cells = [_words(each[name]) for name in names]
             head = f"| {each['group']} | {each['kind']} | {each['frames']} | "
-            lines.append(head + " | ".join(cells) + f" | {each['median_s']:.2f} s |")
+            lines.append(head + " | ".join(share_in_words(each)) + f" | {each['median_s']:.2f} s |")
     return "\n".join(lines) + "\n"
+
+
+def in_words(of_clouds: Mapping[str, Any]) -> list[str]:
+    """Each of `MEASURES` with its interval."""
+    return [f"{100 * v:.1f} % ({100 * a:.0f}–{100 * b:.0f})" for v, a, b in of_clouds["measures"].values()]
+
+
+def share_in_words(of_frames: Mapping[str, Any]) -> list[str]:
+    """Each of `FOUND` with its interval."""
+    return [_words(of_frames[name]) for name in FOUND]
 
 
 def _words(share: dict[str, Any]) -> str:

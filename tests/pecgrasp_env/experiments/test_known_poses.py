@@ -17,6 +17,7 @@ from grasping.pose.object_model import object_model
 from grasping.pose.object_pose import Ambiguity, ObjectPose
 from pecgrasp_env.experiments.known_poses import methods
 from pecgrasp_env.experiments.known_poses.cases import CloudCase, FrameCase, partly_hidden
+from pecgrasp_env.experiments.known_poses.page import render
 from pecgrasp_env.experiments.known_poses.run import RIGHT, VSD_LEAST, Rows, errors, frame_errors, run_clouds
 from pecgrasp_env.experiments.known_poses.tables import MEASURES, cloud_results, frame_results, table
 from pecgrasp_env.experiments.known_poses.task_scenes import task_frames
@@ -128,6 +129,33 @@ def test_frames_count_the_known_the_twins_and_the_strangers():
     assert (result["stranger_given_a_pose"]["count"], result["stranger_given_a_pose"]["n"]) == (1, 2)
     assert (result["wrong_model"]["count"], result["wrong_model"]["n"]) == (1, 3)
     assert "1 of 2, 50 %" in table([], [result])
+
+
+def test_the_page_names_what_was_missed_and_draws_a_line_a_method(model, tmp_path):
+    rows = Rows(tmp_path / "rows.jsonl")
+    run_clouds("made <here>", [case(model, 0), partly_hidden(case(model, 1), 0.5)], ["geometry"], rows, lambda *_: None)
+    objects = [
+        {"name": "mug", "visible": 1.0, "off": 0.5, "off_open": 0.5, "vsd": 0.9, "given": "can"},
+        {"name": "box", "visible": 1.0, "off": 0.02, "off_open": 0.02, "vsd": 0.1, "given": "box"},
+        {"name": "can", "visible": 0.3, "off": None, "off_open": None, "vsd": None, "given": None},
+        {"name": None, "visible": 0.8, "off": None, "off_open": None, "vsd": None, "given": "box"},
+    ]
+    rows.add(
+        {"group": "g", "case": "frame 7", "method": "geometry", "kind": "piled", "seconds": 0.1, "objects": objects}
+    )
+    page = render(rows.rows, cloud_results(rows.rows), frame_results(rows.rows))
+    text = " ".join(page.split())
+    assert "made &lt;here&gt;" in text
+    assert "<here>" not in text
+    assert text.count("<svg") == 2  # over the distance, and over what is hidden
+    for cells in (
+        ("frame 7", "piled", "mug", "100 %", "can", "50 %"),
+        ("frame 7", "piled", "a stranger", "80 %", "box", "–"),
+        ("20–40 %", "0 of 1", "0 %"),
+        ("80–100 %", "1 of 2", "50 %"),
+    ):
+        assert "".join(f"<td>{cell}</td>" for cell in cells) in text
+    assert text.count("<td>frame 7</td>") == 2
 
 
 def test_a_turn_that_the_view_leaves_open_is_far_off_but_right_by_what_is_seen():
