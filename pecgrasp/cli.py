@@ -16,6 +16,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "estimate-pose": ("pose", "where known objects lie in a cloud"),
     "generate": ("sim", "labelled clouds of objects, as the robot sees them"),
     "generate-scenes": ("sim", "labelled frames of crowded tables, for the segmenter"),
+    "generate-grasps": ("sim", "grasps that were tried on objects, with what became of them"),
     "train": ("learn", "a classifier"),
     "train-pose": ("learn", "proposals of the poses of known objects"),
     "train-grasps": ("learn", "what judges or proposes grasps, from their labels"),

@@ -80,13 +80,14 @@ class GraspScene:
 class GraspLabels:
     """A folder of grasp labels, read scene by scene.
 
-    classes, instances, samplers, outcomes: names; `instances` are "class/instance", as `GraspScene.thing`.
+    manifest: that of a share of the set; None: what lies in the folder. classes, instances, samplers, outcomes: names;
+    `instances` are "class/instance", as `GraspScene.thing`.
     Raises DatasetError where the folder holds no grasp labels.
     """
 
-    def __init__(self, directory: str | os.PathLike[str]) -> None:
+    def __init__(self, directory: str | os.PathLike[str], manifest: Manifest | None = None) -> None:
         self.directory = Path(directory)
-        self.manifest: Manifest = read_manifest(directory)
+        self.manifest = read_manifest(directory) if manifest is None else manifest
         config = self.manifest.config
         for name in ("samplers", "outcomes"):
             if not isinstance(config.get(name), list):

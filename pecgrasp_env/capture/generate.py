@@ -27,7 +27,7 @@ from pec.data.splits import write_splits
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.resume import make_missing
 from pecgrasp_env.capture.shard_plan import ShardJob, allot, open_source
-from pecgrasp_env.capture.workers import Result, make_shards, prepare
+from pecgrasp_env.capture.workers import Result, clouds, make_shards, prepare
 from pecgrasp_env.common.job_share import JobShare
 
 __all__ = ["Generation", "generate"]
@@ -87,7 +87,7 @@ def generate(
 
     def make(missing: list[ShardJob]) -> Generator[Result, None, None]:
         prepare(source, missing, workers, on_error, preparing)
-        return make_shards(config, source, directory, missing, workers, on_error, frames_at_once)
+        return make_shards(clouds(config, frames_at_once), source, directory, missing, workers, on_error)
 
     manifest, n_new = make_missing(
         directory, empty, jobs, make, share=share, keep_skipped=on_error == "skip", finish=_split, progress=progress

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,8 +12,7 @@ from grasping.pose.object_model import object_model
 from pec.data.shards import read_manifest
 from pec.errors import ModelsError
 from pec.pose.models import PoseModels, write_models
-from pecgrasp_env.capture.config import CaptureConfig, ObjectsConfig
-from pecgrasp_env.capture.shard_plan import open_source
+from pecgrasp_env.capture.shard_plan import known_source
 from pecgrasp_env.objects import UNKNOWN, ObjectError
 from pecgrasp_env.objects.mesh_folder import MeshFolder
 
@@ -36,7 +34,7 @@ def write_pose_models(
     known = [instance for instance in manifest.instances if instance["class"] != UNKNOWN]
     names, points, symmetries, origins = [], [], [], []
     try:
-        source = open_source(CaptureConfig(objects=_objects(manifest.config["objects"])))
+        source = known_source(manifest)
         for done, instance in enumerate(known):
             if progress:
                 progress(done, len(known))
@@ -58,11 +56,3 @@ def write_pose_models(
     )
     write_models(path, models)
     return models
-
-
-def _objects(settings: Mapping[str, Any]) -> ObjectsConfig:
-    """What the manifest says of the objects, without strangers."""
-    values = {name: value for name, value in settings.items() if not name.startswith("strangers")}
-    if values.get("classes") is not None:
-        values["classes"] = tuple(values["classes"])
-    return ObjectsConfig(**values, strangers=0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pec.data.shards import Manifest
-from pecgrasp_env.capture.config import CaptureConfig
+from pecgrasp_env.capture.config import CaptureConfig, ObjectsConfig
 from pecgrasp_env.capture.source import Source
 from pecgrasp_env.capture.with_strangers import WithStrangers, n_drawn
 from pecgrasp_env.objects import LARS_CLASSES, UNKNOWN, Catalogue
@@ -18,7 +18,7 @@ from pecgrasp_env.objects.mesh_folder import MeshFolder
 from pecgrasp_env.objects.modelnet import ModelNetArchive
 from pecgrasp_env.objects.ycb import YcbDownload, YcbLookAlikes, find_models
 
-__all__ = ["Member", "ShardJob", "allot", "instance_entry", "made_by", "open_source"]
+__all__ = ["Member", "ShardJob", "allot", "instance_entry", "known_source", "made_by", "open_source"]
 
 _PACKAGES = ("pecgrasp", "sapien", "numpy", "scipy", "trimesh", "coacd")
 """What decides the bytes of a sample."""
@@ -128,6 +128,16 @@ def open_source(config: CaptureConfig) -> Source:
     if n_strangers == 0 and UNKNOWN not in source.classes:
         return source
     return WithStrangers(source, n_strangers, config.objects.seed)
+
+
+def known_source(manifest: Manifest) -> Source:
+    """The objects that a data set was made of, strangers left out. Raises KeyError, TypeError or ValueError where its
+    configuration does not say them, and as `open_source` does."""
+    settings = manifest.config["objects"]
+    values = {name: value for name, value in settings.items() if not name.startswith("strangers")}
+    if values.get("classes") is not None:
+        values["classes"] = tuple(values["classes"])
+    return open_source(CaptureConfig(objects=ObjectsConfig(**values, strangers=0)))
 
 
 def _open_known(config: CaptureConfig) -> Source:

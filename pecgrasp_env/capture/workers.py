@@ -6,17 +6,17 @@ import hashlib
 import warnings
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 
-from pec.data.shards import ShardRecord, shard_name, write_shard
+from pec.data.shards import CloudSample, ShardRecord, shard_name, write_shard
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.scenarios import open_scenario
-from pecgrasp_env.capture.scenarios.base import Subject
+from pecgrasp_env.capture.scenarios.base import Sample, Scenario, Subject
 from pecgrasp_env.capture.shard_plan import ShardJob, instance_entry
 from pecgrasp_env.capture.source import Source
 from pecgrasp_env.capture.with_strangers import WithStrangers
@@ -25,7 +25,7 @@ from pecgrasp_env.objects import ObjectError, ObjectModel
 from pecgrasp_env.objects.deform import Deformed
 from pecgrasp_env.objects.mesh_folder import MeshFolder, MeshWarning
 
-__all__ = ["Result", "make_shards", "prepare"]
+__all__ = ["Kind", "Result", "clouds", "make_shards", "prepare"]
 
 _GO_ON = "on_error=skip goes on with the other objects"
 
@@ -34,17 +34,25 @@ Result = tuple[ShardRecord, list[dict[str, Any]]]
 """A written shard, and the manifest's entries for its instances."""
 
 
+@dataclass(frozen=True)
+class Kind(Generic[Sample]):
+    """What shards hold. open_scenario: called once in each process. write: a shard's file, as `write_shard` does."""
+
+    open_scenario: Callable[[], Scenario[Sample]]
+    write: Callable[[Path, Sequence[Sample]], ShardRecord]
+    suffix: str
+
+
+def clouds(config: CaptureConfig, frames_at_once: int | None) -> Kind[CloudSample]:
+    """Shards of labelled clouds; frames_at_once as in `generate`."""
+    return Kind(partial(open_scenario, config, frames_at_once), write_shard, ".safetensors")
+
+
 def make_shards(
-    config: CaptureConfig,
-    source: Source,
-    directory: Path,
-    jobs: list[ShardJob],
-    workers: int,
-    on_error: str = "stop",
-    frames_at_once: int | None = None,
+    kind: Kind[Sample], source: Source, directory: Path, jobs: list[ShardJob], workers: int, on_error: str = "stop"
 ) -> Generator[Result, None, None]:
     """Yields the result of each shard of `jobs` once it is written, in any order."""
-    make_worker = partial(_ShardMaker, config, source, directory, on_error, frames_at_once)
+    make_worker = partial(_ShardMaker, kind, source, directory, on_error)
     try:
         # An instance's shards go to one process, which makes its mesh once.
         yield from run_jobs(make_worker, jobs, workers, same_process=lambda job: job.members)
@@ -83,17 +91,15 @@ def prepare(
         raise ObjectError(f"{several}{chr(10).join(map(str, errors.values()))}. {_GO_ON}")
 
 
-class _ShardMaker:
+class _ShardMaker(Generic[Sample]):
     """Makes shards in one process, one scene for all of them."""
 
-    def __init__(
-        self, config: CaptureConfig, source: Source, directory: Path, on_error: str, frames_at_once: int | None
-    ) -> None:
-        self._config = config
+    def __init__(self, kind: Kind[Sample], source: Source, directory: Path, on_error: str) -> None:
+        self._kind = kind
         self._directory = directory
         self._on_error = on_error
         self._source = source
-        self._scenario = open_scenario(config, frames_at_once)
+        self._scenario = kind.open_scenario()
 
     def run(self, job: ShardJob) -> Result:
         """Capture the samples of `job` and write its shard.
@@ -133,7 +139,7 @@ class _ShardMaker:
             if self._on_error == "stop":
                 raise CaptureError(f"{name}: {why}. {_GO_ON}")
             skipped[name] = why
-        record = write_shard(self._directory / shard_name(job.index), captured.samples)
+        record = self._kind.write(self._directory / shard_name(job.index, self._kind.suffix), captured.samples)
         return replace(record, rejected=dict(sorted(captured.rejected.items())), skipped=skipped), entries
 
     def close(self) -> None:

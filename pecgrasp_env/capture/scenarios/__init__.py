@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pecgrasp_env.capture.config import CaptureConfig
 
 if TYPE_CHECKING:
+    from pec.data.shards import CloudSample
     from pecgrasp_env.capture.scenarios.base import Scenario
 
 __all__ = ["open_scenario"]
@@ -17,7 +18,7 @@ _GPU_FRAMES = 64
 """Sub-scenes of ManiSkill's batch: at 848x480 half a gigabyte of frames."""
 
 
-def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> Scenario:
+def open_scenario(config: CaptureConfig, frames_at_once: int | None = None) -> Scenario[CloudSample]:
     """What captures objects as `config` says, in this process; frames_at_once as in `generate`."""
     # Imported here, as they load Vulkan: in the process that renders only.
     if config.scenario == "surface":

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig
 from pecgrasp_env.sensor import CameraIntrinsics, D435Noise, apply_d435, apply_ideal
 
 if TYPE_CHECKING:
     from pecgrasp_env.objects import ObjectModel
+
+Sample = TypeVar("Sample")
 
 __all__ = ["Captured", "Scenario", "Subject", "measure", "random_rotation", "rotation_matrix", "sample_seed"]
 
@@ -34,22 +35,22 @@ class Subject:
 
 
 @dataclass
-class Captured:
+class Captured(Generic[Sample]):
     """What a scenario made of its subjects.
 
     samples: in the order of the subjects, each subject's in the order of their making. rejected: draws that gave no
     sample, by reason. given_up: why a subject could not be captured, by its name; it has no samples.
     """
 
-    samples: list[CloudSample] = field(default_factory=list)
+    samples: list[Sample] = field(default_factory=list)
     rejected: Counter[str] = field(default_factory=Counter)
     given_up: dict[str, str] = field(default_factory=dict)
 
 
-class Scenario(Protocol):
+class Scenario(Protocol[Sample]):
     """A way to bring objects before the camera."""
 
-    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured[Sample]:
         """Samples `first` to `first + count` of each subject; the same whatever was captured before."""
 
 

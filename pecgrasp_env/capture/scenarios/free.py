@@ -44,8 +44,8 @@ class FreeScenario:
         self._config = config
         self._renderer = open_renderer(config.max_depth)
 
-    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
-        captured = Captured()
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured[CloudSample]:
+        captured = Captured[CloudSample]()
         for subject in subjects:
             model = subject.model
             draws = [

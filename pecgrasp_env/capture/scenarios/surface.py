@@ -29,8 +29,8 @@ class SurfaceScenario:
     def __init__(self, config: CaptureConfig) -> None:
         self._config = config
 
-    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
-        captured = Captured()
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured[CloudSample]:
+        captured = Captured[CloudSample]()
         for subject in subjects:
             model = subject.model
             vertices = np.concatenate([part.vertices for part in model.parts]).astype(float)

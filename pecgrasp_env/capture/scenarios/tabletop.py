@@ -45,9 +45,9 @@ from pecgrasp_env.sensor.intrinsics import deproject
 if TYPE_CHECKING:
     from pecgrasp_env.sensor import CameraIntrinsics
 
-__all__ = ["CutOut", "Layout", "TabletopScenario", "cut_outs", "resting_poses", "segment_layout"]
+__all__ = ["MOST_FRAMES", "CutOut", "Layout", "TabletopScenario", "cut_outs", "resting_poses", "segment_layout"]
 
-_MOST_FRAMES = 200
+MOST_FRAMES = 200
 """Frames in a row without a sample of an object before it is given up: the policy's camera sees it in nearly each."""
 _LARGEST = 0.45
 """m; the segmenter calls nothing larger an object."""
@@ -148,8 +148,8 @@ class TabletopScenario:
         self._postures = look_postures()
         self._resting: dict[tuple[str, str], np.ndarray] = {}
 
-    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured:
-        captured = Captured()
+    def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured[CloudSample]:
+        captured = Captured[CloudSample]()
         kept: list[Subject] = []
         for subject in subjects:
             try:
@@ -168,7 +168,7 @@ class TabletopScenario:
         barren = np.zeros(len(kept), int)
         reasons: list[Counter[str]] = [Counter() for _ in kept]
         frames = self._frames(models, f"frames from {first}", key)
-        while wanted := [i for i in range(len(kept)) if len(found[i]) < count and barren[i] < _MOST_FRAMES]:
+        while wanted := [i for i in range(len(kept)) if len(found[i]) < count and barren[i] < MOST_FRAMES]:
             samples = self._cut(*next(frames), kept, {i: reasons[i] for i in wanted}, captured.rejected)
             for i in wanted:
                 barren[i] = 0 if i in samples else barren[i] + 1
@@ -181,7 +181,7 @@ class TabletopScenario:
             else:
                 why = ", ".join(f"{reason}: {n}" for reason, n in reasons[i].most_common())
                 captured.given_up[subject.name] = (
-                    f"{_MOST_FRAMES} frames in a row gave no cloud of it ({why}); a smaller min_points or a larger "
+                    f"{MOST_FRAMES} frames in a row gave no cloud of it ({why}); a smaller min_points or a larger "
                     "max_occlusion may help; what is below 2 mm or above 0.45 m is no object to the segmenter"
                 )
         return captured
