@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from pecgrasp_env.common.video import Film, compose
 from pecgrasp_env.demo.episode_record import ClassifiedObject, EpisodeRecord, save_record
-from pecgrasp_env.demo.video import Film, compose
 from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, run_episode
 from pecgrasp_env.evaluation.recording_policy import Sight, Watched
 from pecgrasp_env.evaluation.run import Protocol

@@ -28,10 +28,10 @@ from pec.common.run_identity import settings_key
 from pec.training.loop import train
 from pecgrasp_env.capture import CaptureConfig, generate
 from pecgrasp_env.common.render_pool import run_jobs
+from pecgrasp_env.common.video import join_films
 from pecgrasp_env.demo.episode_record import EpisodeRecord, load_record
 from pecgrasp_env.demo.recorder import EpisodeRecorder
 from pecgrasp_env.demo.report import ClassifierRecord, ReportRecord, stage_times, write_report
-from pecgrasp_env.demo.video import join_films
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.evaluation.summary import summarise, table
 

@@ -116,7 +116,7 @@ def run_episodes(
     out.mkdir(parents=True, exist_ok=True)
     mine = seeds if share is None else seeds[share.index :: share.count]
     journal = out / ("episodes.jsonl" if share is None else f"episodes{share.suffix}.jsonl")
-    _cut_torn_line(journal)
+    cut_torn_line(journal)
     done = {episode.seed for episode in read_episodes(out) if episode.outcome != "error"}
     missing = [seed for seed in mine if seed not in done]
     n_done = len(mine) - len(missing)
@@ -156,7 +156,7 @@ def read_episodes(folder: Path) -> list[Episode]:
     return [known[seed] for seed in sorted(known)]
 
 
-def _cut_torn_line(journal: Path) -> None:
+def cut_torn_line(journal: Path) -> None:
     """Of one's own journal only: the last line of another job's may be on its way."""
     if journal.exists() and not (content := journal.read_bytes()).endswith(b"\n"):
         write_whole(journal, content[: content.rfind(b"\n") + 1])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pecgrasp_env.common.depth_image import depth_picture
-from pecgrasp_env.demo.video import Film, compose, join_films
+from pecgrasp_env.common.video import Film, compose, join_films
 
 
 def frame(brightness: int) -> np.ndarray:
