@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from grasping import ROBOTIQ_2F_140
-from pecgrasp_env.motion.collision import Surroundings, hits_itself
+from pecgrasp_env.motion.collision import Surroundings, hits_itself, sphere_gap
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.motion.rrt_connect import free_path
 from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
@@ -14,6 +14,7 @@ from pecgrasp_env.robot.kinematics import home
 
 _MARGIN_M = 0.008  # from what was seen: noise, the height map's cells, and what was just not seen
 _TABLE_M = 0.010
+ROBOTS_APART_M = 0.025  # between two robots: each lags by less than a centimetre behind where it is sent
 _ALWAYS_FREE = 2  # frames below it, base and shoulder, cannot come near the objects
 
 
@@ -25,10 +26,19 @@ class Clearance:
         others: (K, 3) of all else that was seen.
         plane: the table (4,).
         arm: which one moves.
+        robot: (S, 4) x, y, z and radius, m, of spheres that cover another robot where it stands still.
     """
 
-    def __init__(self, points: np.ndarray, others: np.ndarray, plane: np.ndarray, arm: ArmLengths = UR5) -> None:
+    def __init__(
+        self,
+        points: np.ndarray,
+        others: np.ndarray,
+        plane: np.ndarray,
+        arm: ArmLengths = UR5,
+        robot: np.ndarray | None = None,
+    ) -> None:
         self._arm = arm
+        self._robot = np.zeros((0, 4)) if robot is None else robot
         self._others = Surroundings(others, plane)
         self._all = Surroundings(np.concatenate([points, others]), plane) if len(points) else self._others
 
@@ -53,6 +63,8 @@ class Clearance:
         arm = moving & ~robot.gripper
         if self._all.hit_by(centres[:, arm], robot.radius[arm], 0.0).any():
             return "arm or camera would touch the object"
+        if self._meets_robot(centres[:, moving], robot.radius[moving]).any():
+            return "the other arm is in the way"
         if hits_itself(robot, centres[::2]).any():
             return "the arm would touch itself"
         return None
@@ -71,9 +83,16 @@ class Clearance:
             blocked = hits_itself(robot, centres)
             blocked |= self._all.near_table(centres[:, moving], radius, _TABLE_M)
             blocked |= self._all.hit_by(centres[:, moving], radius, _MARGIN_M)
+            blocked |= self._meets_robot(centres[:, moving], radius)
             return ~blocked
 
         return free_path(q_start, q_goal, free, over=(home(self._arm),), limits=self._arm.limits)
+
+    def _meets_robot(self, centres: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether spheres (N, S, 3) of the arm come within the margin of the other robot."""
+        if not len(self._robot):
+            return np.zeros(len(centres), bool)
+        return np.asarray(sphere_gap(centres, radius, self._robot[None, :, :3], self._robot[:, 3]) < ROBOTS_APART_M)
 
 
 def path_past(

@@ -80,8 +80,15 @@ def hits_itself(robot: Spheres, centres: np.ndarray) -> np.ndarray:
     # The hand against base to forearm; the wrist's first two bodies against base and shoulder.
     for one, other in (((6, 6), (0, 3)), ((4, 5), (0, 1))):
         a, b = (slice(*np.searchsorted(robot.frame, (first, last + 1))) for first, last in (one, other))
-        p, q = centres[:, a], centres[:, b]
-        square = (p * p).sum(axis=2)[:, :, None] + (q * q).sum(axis=2)[:, None] - 2 * p @ q.swapaxes(1, 2)
-        least = robot.radius[a][:, None] + robot.radius[b] + _BESIDE_ITSELF_M
-        hit |= (square < least**2).any(axis=(1, 2))
+        gap = sphere_gap(centres[:, a], robot.radius[a], centres[:, b], robot.radius[b])
+        hit |= gap < _BESIDE_ITSELF_M
     return hit
+
+
+def sphere_gap(p: np.ndarray, radius_p: np.ndarray, q: np.ndarray, radius_q: np.ndarray) -> np.ndarray:
+    """(N,) m between the nearest two spheres of two sets, less than 0 where they meet; centres (N, S, 3) and (N, T, 3),
+    or one of the two with N = 1, radii (S,) and (T,).
+    """
+    square = (p * p).sum(axis=2)[:, :, None] + (q * q).sum(axis=2)[:, None] - 2 * p @ q.swapaxes(1, 2)
+    distance = np.sqrt(np.maximum(square, 0.0)) - radius_p[:, None] - radius_q
+    return np.asarray(distance.min(axis=(1, 2)))

@@ -79,6 +79,7 @@ def plan_approach(
     plane: np.ndarray | None,
     q_now: np.ndarray,
     arm: ArmLengths = UR5,
+    robot: np.ndarray | None = None,
 ) -> Approach:
     """The best grasp of the plan that the arm can carry out, with its paths, free of all that was seen.
 
@@ -88,12 +89,13 @@ def plan_approach(
         plane: the table (4,), or None for z = 0.
         q_now: (6,) where the arm is.
         arm: which one it is.
+        robot: (S, 4) spheres of another robot, which stands still, base frame.
 
     Raises:
         MotionError: the arm can carry out none of them; the message is that of the best.
     """
     plane = np.array([0.0, 0.0, 1.0, 0.0]) if plane is None else plane
-    clearance = Clearance(points, obstacles, plane, arm)
+    clearance = Clearance(points, obstacles, plane, arm, robot)
     problem: MotionError | None = None
     # From above everything where the arm reaches that; else from just over the object; at last with less room beside.
     for over_all, tight in ((True, False), (False, False), (False, True)):

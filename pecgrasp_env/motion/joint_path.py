@@ -37,8 +37,18 @@ def straight_line(
     poses = np.tile(np.eye(4), (n_steps, 1, 1))
     poses[:, :3, :3] = Slerp([0.0, 1.0], ends)(fractions).as_matrix()
     poses[:, :3, 3] = T_base_start[:3, 3] + fractions[:, None] * shift
+    return through_poses(q_start, poses, arm)
+
+
+def through_poses(q_start: np.ndarray, poses: np.ndarray, arm: ArmLengths = UR5) -> np.ndarray:
+    """Joint waypoints (K + 1, 6) from a posture through tool poses (K, 4, 4) that follow each other closely.
+
+    Raises:
+        MotionError: a pose is out of reach, or the joints would have to jump.
+    """
     branches = np.moveaxis(inverse_kinematics_batch(poses, arm), 1, 0)
-    where = f"the line to {np.round(T_base_end[:3, 3], 3)} m"
+    fractions = np.linspace(0.0, 1.0, len(poses) + 1)[1:]
+    where = f"the line to {np.round(poses[-1, :3, 3], 3)} m"
     q_start = np.asarray(q_start, float)
     first = np.abs(wrapped(branches[:, 0] - q_start)).max(axis=1)
     if np.isnan(first).all():
