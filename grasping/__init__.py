@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from grasping.baselines import CentroidPlanner, GeoGraspPlanner, LearnedPlanner, SinglePrimitivePlanner
     from grasping.baselines.published.planner import PublishedPlanner
     from grasping.fusion.fuse import Fused, FusedView, fuse
+    from grasping.pair_planner.pair_planner import Arm, GraspPair, NoPair, PairPlan, plan_pair
     from grasping.pose.model_planner import ModelPlanner
     from grasping.pose.object_model import ObjectModel, load_models
     from grasping.pose.object_pose import ObjectPose
@@ -41,6 +42,11 @@ _LATER = {
     "GeoGraspPlanner": "baselines",
     "LearnedPlanner": "baselines",
     "SinglePrimitivePlanner": "baselines",
+    "Arm": "pair_planner.pair_planner",
+    "GraspPair": "pair_planner.pair_planner",
+    "NoPair": "pair_planner.pair_planner",
+    "PairPlan": "pair_planner.pair_planner",
+    "plan_pair": "pair_planner.pair_planner",
     "ModelPlanner": "pose.model_planner",
     "ObjectModel": "pose.object_model",
     "ObjectPose": "pose.object_pose",
@@ -56,6 +62,7 @@ _LATER = {
 
 __all__ = [
     "ROBOTIQ_2F_140",
+    "Arm",
     "CentroidPlanner",
     "CloudError",
     "ConfigError",
@@ -65,14 +72,17 @@ __all__ = [
     "FusedView",
     "GeoGraspPlanner",
     "Grasp",
+    "GraspPair",
     "GraspPlan",
     "GraspPlanner",
     "Gripper",
     "LearnedPlanner",
     "ModelError",
     "ModelPlanner",
+    "NoPair",
     "ObjectModel",
     "ObjectPose",
+    "PairPlan",
     "PoseEstimator",
     "PublishedPlanner",
     "RegionReport",
@@ -85,6 +95,7 @@ __all__ = [
     "compiled",
     "fuse",
     "load_models",
+    "plan_pair",
 ]
 
 
