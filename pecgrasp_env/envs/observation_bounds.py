@@ -24,18 +24,18 @@ _QPOS = np.array([[-_ARM] * 6 + [-1.1] * 4, [_ARM] * 6 + [1.3] * 4])
 
 def bounds(path: str, shape: tuple[int, ...], control_freq: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Least and greatest values of the observation at ``path`` ("extra/opening"), each of ``shape``; None: unknown."""
-    if path == "agent/qpos":
+    name = path.rsplit("/", 1)[-1]
+    if name == "qpos":
         low, high = _QPOS
-    elif path == "agent/qvel":  # differences of two positions
+    elif name == "qvel":  # differences of two positions
         high = (_QPOS[1] - _QPOS[0]) * control_freq
         low = -high
     elif path.endswith("pose") or path.endswith("poses"):
         high = np.tile(_POSE, shape[-1] // 7)
         low = -high
-    elif path in _RANGES:
-        low, high = (np.asarray(limit, float) for limit in _RANGES[path])
+    elif name in _RANGES:
+        low, high = (np.asarray(limit, float) for limit in _RANGES[name])
     elif path.startswith(("sensor_data/", "pointcloud/", "sensor_param/")):
-        name = path.rsplit("/", 1)[1]
         if name not in _OF_CAMERA:
             return None
         low, high = (np.asarray(limit, float) for limit in _OF_CAMERA[name])
@@ -45,11 +45,14 @@ def bounds(path: str, shape: tuple[int, ...], control_freq: float) -> tuple[np.n
 
 
 _RANGES: dict[str, tuple[Any, Any]] = {
-    "agent/controller/gripper/target_opening": (-0.1, linkage.STROKE + 0.1),
-    "agent/controller/gripper/force_limit": (0.0, linkage.MAX_FORCE),
-    "extra/target": (0.0, 1.0),
-    "extra/opening": (-0.02, linkage.STROKE + 0.02),
-    "extra/force": (0.0, linkage.FORCE_RANGE_N),
+    "target_opening": (-0.1, linkage.STROKE + 0.1),
+    "force_limit": (0.0, linkage.MAX_FORCE),
+    "target": (0.0, 1.0),
+    "opening": (-0.02, linkage.STROKE + 0.02),
+    "openings": (-0.02, linkage.STROKE + 0.02),
+    "force": (0.0, linkage.FORCE_RANGE_N),
+    "forces": (0.0, linkage.FORCE_RANGE_N),
+    "goal": (-1.0, 1.0),
     "cloud": (np.minimum(CLOUD_LOW, 0.0), CLOUD_HIGH),
 }
 _OF_CAMERA: dict[str, tuple[Any, Any]] = {

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from pecgrasp_env.envs.task_state import batched, unflatten
+from pecgrasp_env.envs.task_state import Memory, batched, unflatten
 from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.envs.wrist_camera_env import WristCameraEnv
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
@@ -19,6 +19,7 @@ class RestorableEnv(WristCameraEnv):
     """
 
     agent: UR5Robotiq2F140
+    memory: Memory
     classes: tuple[str, ...]
     target_names: list[str]
 

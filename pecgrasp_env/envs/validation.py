@@ -192,28 +192,36 @@ def take_options(arguments: dict[str, Any]) -> tuple[SceneOptions, SensingOption
     Raises:
         TaskError: one makes no sense. SensorError: the camera has no such resolution.
     """
-
-    def take(options: type[_Options]) -> _Options:
-        names = [each.name for each in fields(options) if each.name in arguments]  # type: ignore[arg-type]
-        return options(**{name: arguments.pop(name) for name in names})
-
-    return take(SceneOptions), take(SensingOptions), take(Randomisation)
+    return take(SceneOptions, arguments), take(SensingOptions, arguments), take(Randomisation, arguments)
 
 
-def check_base_arguments(base: type, arguments: Mapping[str, Any]) -> None:
+def take(options: type[_Options], arguments: dict[str, Any]) -> _Options:
+    """One group of options out of keyword arguments by name. Raises what the group raises."""
+    names = [each.name for each in fields(options) if each.name in arguments]  # type: ignore[arg-type]
+    return options(**{name: arguments.pop(name) for name in names})
+
+
+def check_base_arguments(
+    base: type,
+    arguments: Mapping[str, Any],
+    task: str = "SelectiveGrasp",
+    groups: Sequence[type] = (SceneOptions, SensingOptions, Randomisation),
+) -> None:
     """What is left for ManiSkill's ``base``: its arguments, with values that the task can do something with.
+
+    task: its name. groups: of the options that are its own.
 
     Raises:
         TaskError: a value makes no sense here. TypeError: there is no such argument; it names the nearest.
     """
-    own = [each.name for options in (SceneOptions, SensingOptions, Randomisation) for each in fields(options)]
+    own = [each.name for options in groups for each in fields(options)]
     known = [*own, *(name for name in signature(base).parameters if name not in ("args", "kwargs"))]
     for name in arguments:
         if name not in known:
             near = difflib.get_close_matches(name, known, 1) or difflib.get_close_matches(name.split("_")[-1], known, 1)
             hint = "sim_config={...}" if name in ("control_freq", "sim_freq") else near[0] if near else None
             raise TypeError(
-                f"{name}={arguments[name]!r}: SelectiveGrasp has no such argument"
+                f"{name}={arguments[name]!r}: {task} has no such argument"
                 + (f"; did you mean {hint}?" if hint else f". It has {', '.join(known)}")
             )
     modes = {

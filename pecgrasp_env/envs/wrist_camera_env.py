@@ -1,11 +1,11 @@
-"""What the task shows: the wrist camera through its sensor, lazily where wished, or as a cloud of fixed size."""
+"""What a task shows: its camera, on the wrist or elsewhere, through its sensor, lazily where wished, or as a cloud."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache, cached_property, partial
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import torch
@@ -17,7 +17,6 @@ from mani_skill.utils.gym_utils import convert_observation_to_space
 from pecgrasp_env.envs.cloud_observation import sample_cloud
 from pecgrasp_env.envs.lazy_images import LazyImages
 from pecgrasp_env.envs.observation_bounds import bounded, flat_bounds
-from pecgrasp_env.envs.task_state import Memory
 from pecgrasp_env.envs.validation import SensingOptions, TaskError
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 from pecgrasp_env.sensor.maniskill_camera import CAMERA, camera_overrides, sense
@@ -26,17 +25,25 @@ from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV
 NOISE = 2  # number of the sensor's stream of random numbers among an episode's
 
 
+class HasNoiseSeed(Protocol):
+    """What a task remembers, as far as its sensor is concerned: the seed of an episode's noise, (N,) long."""
+
+    noise_seed: torch.Tensor
+
+
 class WristCameraEnv(BaseEnv):
-    """A ManiSkill environment whose depth comes from the wrist camera's sensor model.
+    """A ManiSkill environment whose depth comes from the sensor model of its camera, the wrist camera by default.
 
     ``sensing`` and ``memory`` are the task's; call `_camera_arguments` before `BaseEnv.__init__`.
     """
+
+    camera_name: ClassVar[str] = CAMERA
 
     # Set to True, visual observations hold `LazyImages`, the same ones: each is rendered if and when it is read, which
     # must be before the next step. For whoever reads them seldom, as the scripted policy; wrappers that copy read all.
     pictures_on_demand = False
     sensing: SensingOptions
-    memory: Memory
+    memory: HasNoiseSeed
     _only_cloud: bool
     _shown: dict[str, LazyImages]
     _intrinsics: CameraIntrinsics
@@ -45,7 +52,7 @@ class WristCameraEnv(BaseEnv):
     def _camera_arguments(
         self, obs_mode: str | None, shader_dir: str | None, sensor_configs: Mapping[str, Any] | None
     ) -> dict[str, Any]:
-        """ManiSkill's ``sensor_configs`` with the wrist camera in it as ``sensing`` wants it, and what the task has to
+        """ManiSkill's ``sensor_configs`` with the camera in it as ``sensing`` wants it, and what the task has to
         know of it.
 
         Raises TaskError where there is no such camera, or it has fewer pixels than the cloud has points; SensorError as
@@ -57,10 +64,10 @@ class WristCameraEnv(BaseEnv):
         textures = {"rgbd": ["rgb"], "pointcloud": []}.get(obs_mode or "", (obs_mode or "").split("+"))
         shader = {} if shader_dir is None else {"shader_pack": shader_dir}
         self._intrinsics, camera, others = camera_overrides(
-            self.sensing.intrinsics, textures, shader | dict(sensor_configs or {})
+            self.sensing.intrinsics, textures, shader | dict(sensor_configs or {}), self.camera_name
         )
         if others and type(self)._default_sensor_configs is BaseEnv._default_sensor_configs:
-            raise TaskError(f"sensor_configs: no camera {', '.join(others)}, there is {CAMERA!r}")
+            raise TaskError(f"sensor_configs: no camera {', '.join(others)}, there is {self.camera_name!r}")
         self._T_link_camera = np.eye(4)
         if "pose" in camera:
             self._T_link_camera[:3] = camera["pose"].to_transformation_matrix()[:3]
@@ -69,7 +76,7 @@ class WristCameraEnv(BaseEnv):
             size = f"{self._intrinsics.width}x{self._intrinsics.height}"
             raise TaskError(f"cloud_points={self.sensing.cloud_points}: a picture of {size} has fewer pixels")
         # ManiSkill's shaders have depth in whole millimetres; so other cameras, too, take this one's.
-        return {"shader_config": camera["shader_config"], CAMERA: camera, **others}
+        return {"shader_config": camera["shader_config"], self.camera_name: camera, **others}
 
     @property
     def obs_mode(self) -> str:
@@ -87,8 +94,8 @@ class WristCameraEnv(BaseEnv):
             observation = super()._get_obs_with_sensor_data(info, apply_texture_transforms)
         if not self._only_cloud:
             return observation
-        depth = observation.pop("sensor_data")[CAMERA]["depth"]
-        camera = observation.pop("sensor_param")[CAMERA]
+        depth = observation.pop("sensor_data")[self.camera_name]["depth"]
+        camera = observation.pop("sensor_param")[self.camera_name]
         cloud = sample_cloud(
             depth[..., 0],
             camera["intrinsic_cv"],

@@ -93,9 +93,10 @@ class UR5Robotiq2F140(BaseAgent):
             lock = self.scene.create_drive(links["gripper_base"], sapien.Pose(), links[name], sapien.Pose())
             for constraint in lock._objs:  # ManiSkill's Drive does not expose the twist limit
                 constraint.set_limit_twist(0.0, 0.0)
-        # The linkage's own parts overlap where they are hinged: collisions inside the gripper are off.
+        # The linkage's own parts overlap where they are hinged: collisions inside the gripper are off. The hands of two
+        # robots do meet, so each has a bit of its own.
         for name in (*GRIPPER_LINKS, "wrist_3_link", "wrist_camera"):
-            links[name].set_collision_group_bit(group=2, bit_idx=31, bit=1)
+            links[name].set_collision_group_bit(group=2, bit_idx=31 - int(self._agent_idx or 0), bit=1)
         for names, armature in ((CRANK_JOINTS, self.crank_armature), (FINGER_JOINTS, self.finger_armature)):
             for name in names:
                 for joint in self.robot.joints_map[name]._objs:

@@ -24,17 +24,17 @@ _LEG_COLOR = (0.32, 0.33, 0.35, 1.0)
 _FLOOR_COLOR = (0.55, 0.57, 0.60, 1.0)
 
 
-def build_table(scene: ManiSkillScene) -> Actor:
-    """A fixed table, top at z = 0, with the collision of its top only."""
-    centre = np.array([np.mean(TABLE_X), np.mean(TABLE_Y), -_THICKNESS / 2])
-    half = np.array([np.ptp(TABLE_X), np.ptp(TABLE_Y), _THICKNESS]) / 2
+def build_table(scene: ManiSkillScene, x: tuple[float, float] = TABLE_X, y: tuple[float, float] = TABLE_Y) -> Actor:
+    """A fixed table, top at z = 0, with the collision of its top only; x, y: where it begins and ends, m."""
+    centre = np.array([np.mean(x), np.mean(y), -_THICKNESS / 2])
+    half = np.array([np.ptp(x), np.ptp(y), _THICKNESS]) / 2
     builder = scene.create_actor_builder()
     builder.add_box_collision(pose=sapien.Pose(centre), half_size=half)
     builder.add_box_visual(pose=sapien.Pose(centre), half_size=half, material=_matt(_TOP_COLOR))
     leg_half = np.array([_LEG / 2, _LEG / 2, (_HEIGHT - _THICKNESS) / 2])
-    for x in (TABLE_X[0] + _LEG, TABLE_X[1] - _LEG):
-        for y in (TABLE_Y[0] + _LEG, TABLE_Y[1] - _LEG):
-            foot = sapien.Pose([x, y, -(_HEIGHT + _THICKNESS) / 2])
+    for leg_x in (x[0] + _LEG, x[1] - _LEG):
+        for leg_y in (y[0] + _LEG, y[1] - _LEG):
+            foot = sapien.Pose([leg_x, leg_y, -(_HEIGHT + _THICKNESS) / 2])
             builder.add_box_visual(pose=foot, half_size=leg_half, material=_matt(_LEG_COLOR))
     builder.initial_pose = sapien.Pose()
     return builder.build_static(name="table")

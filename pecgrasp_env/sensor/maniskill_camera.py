@@ -100,18 +100,19 @@ def _shader(pack: str | None, textures: Sequence[str], near: float, far: float) 
 
 
 def camera_overrides(
-    standard: CameraIntrinsics, textures: Sequence[str], sensor_configs: Mapping[str, Any] | None
+    standard: CameraIntrinsics, textures: Sequence[str], sensor_configs: Mapping[str, Any] | None, camera: str = CAMERA
 ) -> tuple[CameraIntrinsics, dict[str, Any], dict[str, Any]]:
-    """The wrist camera as ManiSkill is to build it.
+    """The wrist camera, or the one that a task names, as ManiSkill is to build it.
 
     Args:
         standard: of the D435's mode. With ``width`` or ``height`` its horizontal field of view stays, pixels stay
             square and the principal point central.
         textures: that are observed.
-        sensor_configs: ManiSkill's argument. What holds for all sensors and what is said of `CAMERA` alone, the latter
-            first, of _SETTABLE: ``fov`` is the vertical field of view, rad, with square pixels, ``intrinsic`` (3, 3);
-            either takes the place of the D435's focal length. ``near``, ``far``: m. ``pose``: on its link.
+        sensor_configs: ManiSkill's argument. What holds for all sensors and what is said of the camera alone, the
+            latter first, of _SETTABLE: ``fov`` is the vertical field of view, rad, with square pixels, ``intrinsic``
+            (3, 3); either takes the place of the D435's focal length. ``near``, ``far``: m. ``pose``: on its link.
             ``shader_pack``: a name.
+        camera: its name.
 
     Returns:
         Its intrinsics, its configuration, and those of other cameras by name.
@@ -120,17 +121,17 @@ def camera_overrides(
         SensorError: one makes no sense, or cannot be set.
     """
     given = dict(sensor_configs or {})
-    others = {name: value for name, value in given.items() if isinstance(value, Mapping) and name != CAMERA}
-    own = given.pop(CAMERA, {})
+    others = {name: value for name, value in given.items() if isinstance(value, Mapping) and name != camera}
+    own = given.pop(camera, {})
     if not isinstance(own, Mapping):
-        raise SensorError(f"sensor_configs={{{CAMERA!r}: {own!r}}}: must be a dictionary with {', '.join(_SETTABLE)}")
+        raise SensorError(f"sensor_configs={{{camera!r}: {own!r}}}: must be a dictionary with {', '.join(_SETTABLE)}")
     given = {name: value for name, value in given.items() if name not in others} | dict(own)
     for name in given:
         if name not in _SETTABLE:
             way = "; the faults of stereo are sensor='d435'" if name == "use_stereo_depth" else ""
             raise SensorError(
                 f"sensor_configs: {name}={given[name]!r} cannot be set, but {', '.join(_SETTABLE)} can, for all "
-                f"sensors or under {CAMERA!r}{way}"
+                f"sensors or under {camera!r}{way}"
             )
     near, far = (float(given.get(name, value)) for name, value in (("near", NEAR), ("far", FAR)))
     if not 0 < near < far <= FAR:

@@ -1,0 +1,1 @@
+"""DualGrasp-v1: two arms, one long or heavy thing."""

@@ -1,0 +1,1 @@
+"""Long and heavy things that one hand does not carry: boards, open crates, tools with long handles."""
