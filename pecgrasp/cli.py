@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "train-segmenter": ("segmenter", "the segmenter, for another camera"),
     "classify": ("learn", "one cloud, with a trained classifier"),
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),
+    "evaluate-dual": ("sim", "two arms that lift one long or heavy thing"),
     "evaluate-pose": ("sim", "how well poses of known objects are found"),
     "ablate": ("learn", "train a grid, beside the published figures"),
     "compare": ("learn", "trained classifiers, cloud by cloud"),

@@ -89,13 +89,25 @@ def read_observation(obs: Mapping[str, Any]) -> RobotObservation:
     Raises:
         ObservationError: a key is missing, or there is more than one sub-environment.
     """
-    images = _at(obs, "sensor_data", "wrist_camera")
-    if "depth" not in images:
-        raise ObservationError("obs has no sensor_data/wrist_camera/depth: use an obs_mode with depth")
-    qpos = np.atleast_2d(np.asarray(_at(obs, "agent", "qpos"), float))
+    take = camera_frame(obs, "wrist_camera")
+    qpos = np.atleast_2d(np.asarray(at(obs, "agent", "qpos"), float))
     if len(qpos) != 1:
         raise ObservationError(f"obs holds {len(qpos)} sub-environments: the policy drives one robot")
-    K = np.asarray(_at(obs, "sensor_param", "wrist_camera", "intrinsic_cv"), float).reshape(3, 3)
+    opening = float(np.asarray(at(obs, "extra", "opening")).reshape(-1)[0])
+    force = obs["extra"].get("force")
+    measured = None if force is None else float(np.asarray(force).reshape(-1)[0])
+    return RobotObservation(qpos[0, :6], opening, take, measured)
+
+
+def camera_frame(obs: Mapping[str, Any], camera: str) -> Callable[[], DepthFrame]:
+    """Takes the depth frame of a camera out of a visual observation, when it is first asked for.
+
+    Raises ObservationError where there is none.
+    """
+    images = at(obs, "sensor_data", camera)
+    if "depth" not in images:
+        raise ObservationError(f"obs has no sensor_data/{camera}/depth: use an obs_mode with depth")
+    K = np.asarray(at(obs, "sensor_param", camera, "intrinsic_cv"), float).reshape(3, 3)
 
     def take() -> DepthFrame:
         depth = np.asarray(images["depth"], np.float32)
@@ -104,13 +116,11 @@ def read_observation(obs: Mapping[str, Any]) -> RobotObservation:
             depth.reshape(height, width), CameraIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         )
 
-    opening = float(np.asarray(_at(obs, "extra", "opening")).reshape(-1)[0])
-    force = obs["extra"].get("force")
-    measured = None if force is None else float(np.asarray(force).reshape(-1)[0])
-    return RobotObservation(qpos[0, :6], opening, take, measured)
+    return take
 
 
-def _at(obs: Mapping[str, Any], *keys: str) -> Any:
+def at(obs: Mapping[str, Any], *keys: str) -> Any:
+    """What lies under these keys, one in the other. Raises ObservationError that says where the way ends."""
     value: Any = obs
     for depth, key in enumerate(keys):
         if not isinstance(value, Mapping) or key not in value:

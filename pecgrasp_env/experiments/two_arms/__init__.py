@@ -1,0 +1,1 @@
+"""How often two arms lift what is long or heavy level, and how often one does."""

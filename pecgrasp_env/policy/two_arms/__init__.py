@@ -1,0 +1,1 @@
+"""Two arms that lift one thing: what they see, which grasps they choose, how they carry them out."""
