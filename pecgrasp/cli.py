@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "classify": ("learn", "one cloud, with a trained classifier"),
     "evaluate": ("sim", "the policy in simulation, or a grid of scenes and planners"),
     "evaluate-dual": ("sim", "two arms that lift one long or heavy thing"),
+    "try-planners": ("sim", "planners' first grasps by a hand alone, on the same scenes"),
     "evaluate-pose": ("sim", "how well poses of known objects are found"),
     "ablate": ("learn", "train a grid, beside the published figures"),
     "compare": ("learn", "trained classifiers, cloud by cloud"),

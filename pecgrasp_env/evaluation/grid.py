@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from pec.common.atomic_files import write_json
-from pec.common.run_identity import files_key, flat_settings, settings_key
+from pec.common.run_identity import settings_key
 from pec.experiments.code_version import code_version
 from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.common.planner_networks import checkpoint_key, network_keys
 from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.run import Protocol, read_episodes, run_episodes
 
@@ -106,12 +107,8 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
 def cell_key(settings: Mapping[str, Any]) -> str:
     """16 hexadecimal digits that differ where the settings, the classifier, the planner's networks or the code do."""
     decisive = {name: settings[name] for name in _DECISIVE}
-    learnt = {
-        name: _version(value)
-        for name, value in flat_settings(settings["planner"]).items()
-        if isinstance(value, str) and Path(value).is_dir()
-    }
-    return settings_key(decisive, _version(settings["checkpoint"]), learnt, cell_code())
+    classifier = None if settings["checkpoint"] is None else checkpoint_key(settings["checkpoint"])
+    return settings_key(decisive, classifier, network_keys(settings["planner"]), cell_code())
 
 
 def read_cells(folder: str | os.PathLike[str]) -> list[Cell]:
@@ -134,11 +131,3 @@ def _read_cell(directory: Path) -> Cell:
         wanted,
         record["error"],
     )
-
-
-def _version(checkpoint: str | None) -> str | None:
-    """Hash of the checkpoint's files, wherever they lie; "missing" where it is not."""
-    if checkpoint is None:
-        return None
-    files = [Path(checkpoint) / name for name in ("config.json", "model.safetensors")]
-    return files_key(files) if all(file.is_file() for file in files) else "missing"

@@ -10,6 +10,7 @@ from typing import Any
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.grasps.candidates import SAMPLERS
 from pecgrasp_env.capture.grasps.trials import OUTCOMES
+from pecgrasp_env.common.planner_networks import network_keys
 
 __all__ = ["GraspsConfig"]
 
@@ -26,6 +27,9 @@ class GraspsConfig:
     """Weight of each of `SAMPLERS`; those that are left out do not come."""
     cells: int = 50
     """Grasps that are tried at once in one scene."""
+    planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Where there are any, the first grasp of each is tried instead of grasps of `samplers`: Hydra-like mappings with
+    ``_target_``, by names that stand for samplers in the labels."""
 
     def __post_init__(self) -> None:
         for name in ("grasps_per_scene", "cells"):
@@ -46,7 +50,8 @@ class GraspsConfig:
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> GraspsConfig:
         """From the mapping that conf/generate_grasps.yaml makes; keys that do not decide the data are passed over."""
-        scenes, per_scene = settings["scenes_per_instance"], settings["grasps_per_scene"]
+        planners = dict(settings.get("planners", {}))
+        scenes, per_scene = settings["scenes_per_instance"], len(planners) or settings["grasps_per_scene"]
         if per_scene < 1:
             raise CaptureError(f"grasps_per_scene must be at least 1, got {per_scene}")
         lying = {"objects_per_frame": 1, "free_views": settings["free_views"]}
@@ -57,10 +62,13 @@ class GraspsConfig:
             "shard_size": max(1, settings["shard_size"] // per_scene),
         }
         capture = CaptureConfig.from_settings({**settings, **of_capture})
-        return cls(capture, per_scene, dict(settings["samplers"]), settings["cells"])
+        return cls(capture, per_scene, dict(settings["samplers"]), settings["cells"], planners)
 
     def described(self) -> dict[str, Any]:
         """What decides the data, as JSON has it, and what the labels' codes mean."""
         own = {"grasps_per_scene": self.grasps_per_scene, "cells": self.cells, "sampler_weights": dict(self.samplers)}
-        codes = {"samplers": list(SAMPLERS), "outcomes": list(OUTCOMES)}
+        if self.planners:
+            networks = {name: network_keys(settings) for name, settings in self.planners.items()}
+            own |= {"planners": dict(self.planners), "networks": networks}
+        codes = {"samplers": list(self.planners or SAMPLERS), "outcomes": list(OUTCOMES)}
         return json.loads(json.dumps({**self.capture.described(), **own, **codes}))

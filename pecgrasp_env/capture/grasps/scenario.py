@@ -17,6 +17,7 @@ from pec.grasps.labels import GraspScene
 from pecgrasp_env.capture.config import CaptureError
 from pecgrasp_env.capture.grasps.candidates import Candidates, CandidateSampler
 from pecgrasp_env.capture.grasps.config import GraspsConfig
+from pecgrasp_env.capture.grasps.first_grasps import FirstGrasps
 from pecgrasp_env.capture.grasps.trials import TrialBench
 from pecgrasp_env.capture.scenarios.base import Captured, Subject, sample_seed
 from pecgrasp_env.capture.scenarios.tabletop import MOST_FRAMES, TabletopScenario
@@ -31,7 +32,7 @@ class GraspScenario:
     def __init__(self, config: GraspsConfig) -> None:
         self._config = config
         self._views = _LoneObject(config.capture)
-        self._sampler = CandidateSampler(config.samplers)
+        self._sampler = FirstGrasps(config.planners) if config.planners else CandidateSampler(config.samplers)
 
     def capture(self, subjects: Sequence[Subject], first: int, count: int) -> Captured[GraspScene]:
         captured = Captured[GraspScene]()
