@@ -86,6 +86,12 @@ class ArmSteps:
         q = self.command[:6]
         return (yield from self._shut(observation, lambda _: q, 0.0))
 
+    def wait(self, observation: RobotObservation, seconds: float) -> Steps:
+        """Hold on, the arm where it is, for so long."""
+        for _ in range(round(seconds / self._control_dt)):
+            observation = yield self._action(self.command[:6], 0.0)
+        return observation
+
     def _shut(self, observation: RobotObservation, posture_at: Callable[[float], np.ndarray], wish: float) -> Steps:
         """As `close`, the opening that is commanded falling evenly from ``wish``, m."""
         stride = _CLOSING_SPEED * self._control_dt

@@ -19,6 +19,7 @@ from pecgrasp_env.motion.clearance import path_past
 from pecgrasp_env.motion.grasp_approach import Approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
+from pecgrasp_env.policy.crowd import lying_on
 from pecgrasp_env.policy.grip_force import grip_force
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
@@ -27,6 +28,7 @@ from pecgrasp_env.policy.pick_planner import NOT_FOUND, PickPlanner
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.put_down import plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject
+from pecgrasp_env.policy.tip_off import TippedLift, plan_tipped_lift
 from pecgrasp_env.policy.viewpoints import look_postures, posture_above, posture_beside
 from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, UP
@@ -40,6 +42,7 @@ _LEAST_FORCE_N = 2.0  # between the pads; the grip's own limit is never below 10
 _LOST_SHARE = 0.5  # of the opening with which it was first held
 _MOST_CLEARED = 8
 _MOST_SURVEYS = 2  # in which nothing was found: a third one shows the same
+_SLIDING_S = 0.5  # for what lies on a tipped object to slide off
 _TOO_WIDE_M = 0.020  # beyond the planned width: there is something else between the pads
 
 
@@ -52,10 +55,12 @@ class ScriptedPolicy:
         planner: what finds grasps on a cloud in the base frame; the default is `CurvaturePlanner` for the 2F-140.
         segmenter: what finds objects in a cloud.
         control_dt: seconds between two calls of `act`.
-        min_confidence: probability of the asked-for class, among those of the classifier, below which an object is not
-            touched; nor is one that the classifier's threshold calls unknown.
+        min_confidence: probability of the asked-for class, among those of the classifier and in all
+            (`SeenObject.is_a`), below which an object is not touched; nor is one that the classifier's threshold calls
+            unknown.
         attempts: how many times to try before giving up.
-        clear: take away what lies on the asked-for object and put it down on the free table, first.
+        clear: take away what lies on the asked-for object and put it down on the free table, first; without, the object
+            is tipped while it is lifted, so that they slide off.
         answers: actions are (9,), for a task with ``absent``: the last number is 1 once it says that nothing of the
             asked-for class is there, which is when it has looked from all its places and nothing may be it; else -1.
         T_tool0_camera: (4, 4), how the camera is mounted, from a calibration (`pecgrasp_env.robot.camera_mount`), for
@@ -205,11 +210,16 @@ class ScriptedPolicy:
                 objects = [] if pick.chosen is None else objects
                 continue
             approach, taken = pick.approach, objects[pick.chosen]
+            upon = [objects[k].points for k in lying_on(objects, pick.chosen)]
+            others = [views[-1].obstacles, *(each.points for each in objects if each is not taken)]
             objects = []  # what is touched may move
             self.log.grasp = approach.grasp
             slipped = any(failure.startswith("lost") for failure in self.log.failures)
             arm.force = grip_force(taken.points, views[-1].plane, slipped)
-            failure, lift, observation = yield from self._pick(arm, approach, observation)
+            failure, observation = yield from self._grasp(arm, approach, observation)
+            if failure is None:
+                tipped = None if not upon else self._tipped(arm, approach, taken, upon, others, views[-1])
+                failure, lift, observation = yield from self._lift(arm, approach, tipped, observation)
             if failure is None and still_there(taken, observation, views[-1].plane):
                 failure = "it is still on the table"
                 observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
@@ -298,9 +308,9 @@ class ScriptedPolicy:
         seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
         return path_past(seen, view.plane, q_start, q_goal, self.arm_lengths)
 
-    def _pick(self, arm: ArmSteps, approach: Approach, observation: RobotObservation) -> Steps:
-        """Go there, close, lift. Returns why it failed, or None, the joint path (K, 6) of the lift, and the last
-        observation: whether something is held is read off the opening and the force, as on the real gripper.
+    def _grasp(self, arm: ArmSteps, approach: Approach, observation: RobotObservation) -> Steps:
+        """Go there and close. Returns why it failed, or None, and the last observation: whether something is held is
+        read off the opening and the force, as on the real gripper.
         """
         self.log.doing = "moving over the object"
         observation = yield from arm.go(approach.to_pregrasp, observation, opening=approach.opening)
@@ -309,21 +319,53 @@ class ScriptedPolicy:
             approach.to_grasp, observation, opening=approach.opening, speed=_APPROACH_SPEED, careful=True
         )
         if arm.blocked(observation, approach.opening):
-            return "touched something on the way down", approach.to_lift, observation
+            return "touched something on the way down", observation
         self.log.doing = "closing"
         observation = yield from arm.close(observation, approach.posture_at)
-        lift = np.concatenate([arm.command[None, :6], approach.to_lift])
         self.log.held_m, self.log.held_n = observation.opening, observation.force
         if observation.opening < _EMPTY_OPENING_M or _nothing_pressed(observation):
-            return "closed on nothing", lift, observation
+            return "closed on nothing", observation
         if observation.opening > approach.grasp.width + _TOO_WIDE_M:
             found, planned = observation.opening * 1e3, approach.grasp.width * 1e3
-            return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", lift, observation
+            return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", observation
+        return None, observation
+
+    def _tipped(
+        self,
+        arm: ArmSteps,
+        approach: Approach,
+        taken: SeenObject,
+        upon: list[np.ndarray],
+        others: list[np.ndarray],
+        view: View,
+    ) -> TippedLift | None:
+        """How to lift what is held so that what lies ``upon`` it slides off; None where there is no room."""
+        q, on_it, around = np.asarray(arm.command[:6], float), np.concatenate(upon), np.concatenate(others)
+        try:
+            tipped = plan_tipped_lift(q, approach, taken.points, on_it, around, view.plane)
+        except MotionError as error:
+            self.log.doubts.append(f"something lies on it, and there is no room to tip it off: {error}")
+            return None
+        self.log.doubts.append("something lies on it: it is tipped while it is lifted")
+        return tipped
+
+    def _lift(
+        self, arm: ArmSteps, approach: Approach, tipped: TippedLift | None, observation: RobotObservation
+    ) -> Steps:
+        """Lift what is held. Returns why that failed, or None, the joint path (K, 6), and the last observation."""
         closed = observation.opening
+        lift = np.concatenate([arm.command[None, :6], approach.to_lift])
+        if tipped is not None:
+            self.log.doing = "tipping it"
+            observation = yield from arm.go(tipped.tip, observation, opening=0.0, speed=_LIFT_SPEED)
+            observation = yield from arm.wait(observation, _SLIDING_S)
+            lift = tipped.up
         self.log.doing = "lifting"
         observation = yield from arm.go(lift, observation, opening=0.0, speed=_LIFT_SPEED)
         observation = yield from arm.squeeze(observation)
         lost = observation.opening < max(_EMPTY_OPENING_M, _LOST_SHARE * closed) or _nothing_pressed(observation)
+        if tipped is not None:
+            lift = np.concatenate([tipped.tip, tipped.up])
         return ("lost while lifting" if lost else None), lift, observation
 
 
