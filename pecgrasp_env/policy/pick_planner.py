@@ -23,12 +23,12 @@ from pecgrasp_env.robot.kinematics import UP
 
 NOT_FOUND = "not found"
 
-_LIKELY_KNOWN = 0.5  # below which it is rather of none of the classes, however low the classifier's own threshold is
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
 _AGREEING = 2  # views that show one thing, of which each alone is unsure
-_TRUSTED = 0.7  # from which nobody asks whether it is several
+_UNKNOWN_BELOW = 0.5  # of a classifier that says how well it knows a thing and has no threshold for it
+_WHOLE = 0.7  # certainty times `known`, from which nobody asks whether it is several
 _CUTTING = (-1.5, -3.0)  # `whole_rather` of a `Segmenter`, by which what cannot be trusted is cut, and once more
 _HIDDEN = 0.3  # of an object's outline, from which on it is looked at again
 
@@ -70,15 +70,17 @@ class PickPlanner:
         _ = observation.frame  # a simulated camera renders it only now, and that is not part of segmenting
         view = self._classified(look, observation, self._segmenter)
         seen, pixels = view.objects, view.pixels
+        candidates, of_candidates = list(seen), list(pixels)
         for whole_rather in _CUTTING if isinstance(self._segmenter, Segmenter) else ():
-            if all(each.trust >= _TRUSTED for each in seen if each.evidence):
+            if all(each.certainty * each.known >= _WHOLE for each in seen if each.evidence):
                 break
             cutting = copy(self._segmenter)
             cutting.whole_rather = whole_rather
             finer = self._classified(_with_pairs, observation, cutting)
-            seen, pixels = [*seen, *finer.objects], [*pixels, *finer.pixels]
-            kept = most_trusted(seen, pixels)
-            seen, pixels = [seen[k] for k in kept], [pixels[k] for k in kept]
+            candidates += finer.objects
+            of_candidates += finer.pixels
+            kept = most_trusted(candidates, of_candidates)
+            seen, pixels = [candidates[k] for k in kept], [of_candidates[k] for k in kept]
         objects = merge(known, seen)
         self._log.views += 1
         self._log.objects = objects
@@ -111,16 +113,19 @@ class PickPlanner:
         return index
 
     def choose(self, objects: list[SeenObject]) -> int | None:
-        """The likeliest object, if it is known enough for the classifier to be of a class at all, and among its classes
-        likely enough the asked-for one: each has a threshold of its own, as in `grasping.SelectiveGrasper`.
-        """
+        """The likeliest object, if it is likely enough to be touched."""
         index = self.likeliest(objects)
-        if index is None:
-            return None
-        known = objects[index].known
-        if known < 1 and known < max(getattr(self._classifier, "unknown_below", 0.0), _LIKELY_KNOWN):
-            return None
-        return index if self._log.confidence >= self._min_confidence * known else None
+        return index if index is not None and self._may_take(objects[index]) else None
+
+    def _may_take(self, seen: SeenObject) -> bool:
+        """Whether an object is not unknown by the classifier's own threshold, and likely enough of the asked-for class,
+        both among its classes and in all (`SeenObject.is_a`).
+        """
+        known = seen.known
+        if known < 1 and known < getattr(self._classifier, "unknown_below", _UNKNOWN_BELOW):
+            return False
+        share = seen.probabilities().get(self._target, 0.0) / known
+        return min(share, seen.is_a(self._target)) >= self._min_confidence
 
     def is_sure(self, objects: list[SeenObject]) -> bool:
         """Whether one look is enough: the object is likely, whole, and no other could be it."""
@@ -142,7 +147,7 @@ class PickPlanner:
         object's piece one view may look like the asked-for one, hardly the next. Also where there is none to take.
         """
         index = self.choose(objects)
-        return index is None or objects[index].certainty >= CERTAIN or len(objects[index].evidence) >= _AGREEING
+        return index is None or _is_confirmed(objects[index])
 
     def is_absent(self, objects: list[SeenObject]) -> bool:
         """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole, and
@@ -196,11 +201,11 @@ class PickPlanner:
         if chosen is None:
             return PlannedPick(objects, None, None, None, self._log.confidence, NOT_FOUND)
         # What lies on it, then itself; with free ways for the fingers, then pushing.
-        order = [*(uppermost_on(objects, chosen) if self._clear else ()), chosen]
+        order = [*uppermost_on(objects, chosen), chosen] if self._clear else self._freest_first(objects, chosen)
         tries = [(k, pushed) for pushed in _PUSHED_M for k in order if not pushed or len(objects) > 1]
         picks = []
         for k, pushed in tries:
-            pick = PlannedPick(objects, k, None, None, self._log.confidence, None, clears=k != chosen)
+            pick = PlannedPick(objects, k, None, None, self._log.confidence, None, clears=self._clear and k != chosen)
             picks.append(self._plan(pick, k, view, q, pushed))
             if picks[-1].reason is None:
                 if pushed:
@@ -208,6 +213,19 @@ class PickPlanner:
                 return picks[-1]
         self._log.plan, self._log.chosen = picks[0].plan, picks[0].chosen
         return picks[0]
+
+    def _freest_first(self, objects: list[SeenObject], chosen: int) -> list[int]:
+        """The chosen object, and before it where something lies on it, after it where not, others that surely are of
+        the class, too, and on which nothing lies.
+        """
+        others = [
+            k
+            for k, seen in enumerate(objects)
+            if k != chosen and not seen.touches_border and self._may_take(seen) and _is_confirmed(seen)
+            if seen.is_a(self._target) >= SURE and seen.certainty >= CERTAIN and not lying_on(objects, k)
+        ]
+        others.sort(key=lambda k: -objects[k].trust)
+        return [*others, chosen] if lying_on(objects, chosen) else [chosen, *others]
 
     def _planner_for(self, seen: SeenObject, clears: bool) -> GraspPlanner:
         """One that has models is told the class: that asked for, of what lies on it the likeliest."""
@@ -259,6 +277,10 @@ class PickPlanner:
             width=width,
             opening=opening,
         )
+
+
+def _is_confirmed(seen: SeenObject) -> bool:
+    return seen.certainty >= CERTAIN or len(seen.evidence) >= _AGREEING
 
 
 def _with_pairs(observation: RobotObservation, segmenter: Segmenter) -> View:

@@ -16,7 +16,7 @@ _SAME_PLACE_M = 0.010  # noise, and what of a surface one view saw and the other
 _OVERLAP = 0.2  # of an object's pixels that may belong to another, as edges do
 _COMPARED = 400  # points of an object
 _PARTLY, _MOSTLY = 0.3, 0.6  # of an object
-_LEAST = 1e-3  # probability that one view leaves to either side
+_LEAST = 1e-3  # probability that one view, or one witness, leaves to either side
 
 
 @dataclass
@@ -59,17 +59,39 @@ class SeenObject:
     def known(self) -> float:
         """The probability that it is of one of the classes; 1 where no view says otherwise."""
         strange = [view[UNKNOWN] for view in self.evidence if UNKNOWN in view]
-        if not strange:
-            return 1.0
-        odds = np.clip(strange, _LEAST, 1.0 - _LEAST)
-        return float(1.0 / (1.0 + np.exp(np.mean(np.log(odds / (1.0 - odds))))))
+        return 1.0 - from_log_odds(np.mean(log_odds(strange))) if strange else 1.0
+
+    def is_a(self, name: str) -> float:
+        """The probability that it is of a class, by two witnesses: how well it is known, and what share of that the
+        class has. Their odds are multiplied: a stranger, or what was cut wrongly, seldom looks clearly like one class.
+        """
+        return from_log_odds(self._log_odds_of(name))
+
+    def _log_odds_of(self, name: str) -> float:
+        known = self.known
+        return float(log_odds(known) + log_odds(self.probabilities().get(name, 0.0) / max(known, _LEAST)))
 
     @property
     def trust(self) -> float:
-        """In [0, 1], how likely it is one whole object of one of the classes: both the segmenter and the classifier say
-        so, and what the classifier knows was hardly cut wrongly. 0 of what is too small for the classifier.
+        """In [0, 1], how likely it is one whole object, and of the class that it looks like: the odds of the
+        segmenter's certainty and of the classifier's two answers, as in `is_a`, multiplied. 0 of what is too small for
+        the classifier.
         """
-        return self.certainty * self.known if self.evidence else 0.0
+        names = {name for view in self.evidence for name in view} - {UNKNOWN}
+        if not names:
+            return 0.0
+        return from_log_odds(log_odds(self.certainty) + max(self._log_odds_of(name) for name in names))
+
+
+def log_odds(probability: Any) -> Any:
+    """Of probabilities, each at least _LEAST and at most as much less than 1."""
+    clipped = np.clip(probability, _LEAST, 1.0 - _LEAST)
+    return np.log(clipped / (1.0 - clipped))
+
+
+def from_log_odds(odds: float) -> float:
+    """The probability that has these log odds."""
+    return float(1.0 / (1.0 + np.exp(-odds)))
 
 
 def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:

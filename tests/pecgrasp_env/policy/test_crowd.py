@@ -6,8 +6,10 @@ import pytest
 import torch
 from mani_skill.utils.structs.pose import Pose
 
+from grasping import ROBOTIQ_2F_140, CurvaturePlanner
 from grasping.segmentation.scene import Cut
 from pecgrasp_env import ScriptedPolicy
+from pecgrasp_env.envs.task_state import air_below
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.policy.crowd import floor_below, lying_on, uppermost_on, without_rim
@@ -35,6 +37,7 @@ LOWER_RIGHT = patch((0.48, 0.52), (0.00, 0.06), 0.03)
 LOWER = np.concatenate([LOWER_LEFT, LOWER_RIGHT])  # its middle is hidden
 UPPER = patch((0.44, 0.48), (-0.01, 0.07), 0.06)
 TOP = patch((0.44, 0.47), (0.05, 0.09), 0.09)
+AWAY = LOWER + np.array([0.0, 0.2, 0.0])
 BESIDE = patch((0.40, 0.50), (0.08, 0.12), 0.06)
 
 
@@ -134,6 +137,47 @@ def test_what_one_view_alone_shows_and_not_surely_is_not_touched():
     assert planner.is_confirmed([])
 
 
+class _OwnThreshold:
+    unknown_below = 0.25
+
+
+def test_what_looks_clearly_like_one_class_is_touched_though_it_is_hardly_known_and_other_things_are_not():
+    def takes(known, share, classifier=None):
+        mouse = {"mouse": known * share, "cup": known * (1 - share), UNKNOWN: 1 - known}
+        return PickPlanner(classifier or _OwnThreshold(), None, None, 0.9, "mouse", PolicyLog()).choose(
+            [seen(LOWER, 0.8, **mouse)]
+        )
+
+    assert seen(LOWER, mouse=0.3 * 0.99, cup=0.3 * 0.01, **{UNKNOWN: 0.7}).is_a("mouse") == pytest.approx(
+        3 / 7 * 99 / (1 + 3 / 7 * 99)
+    )
+    assert takes(0.3, 0.99) == 0
+    assert takes(0.3, 0.92) is None  # 3 : 7 times 92 : 8 is 83 %
+    assert takes(0.2, 0.99) is None  # unknown by the classifier's own threshold
+    assert takes(0.95, 0.8) is None  # known well, but not as a mouse
+    assert takes(0.3, 0.99, classifier=object()) is None  # even odds where it has no threshold
+
+
+def test_an_object_is_trusted_by_all_three_witnesses():
+    clear = seen(LOWER, 0.8, mouse=0.9 * 0.5, cup=0.1 * 0.5, **{UNKNOWN: 0.5})
+    assert clear.trust == pytest.approx(36 / 37)  # 4 : 1 times 1 : 1 times 9 : 1
+    assert seen(LOWER, 0.8, mouse=0.5 * 0.5, cup=0.5 * 0.5, **{UNKNOWN: 0.5}).trust == pytest.approx(0.8)
+    assert seen(LOWER, 0.8).trust == 0.0  # too small for the classifier
+
+
+@pytest.mark.parametrize("covered", [True, False])
+def test_of_two_of_the_class_that_is_taken_on_which_nothing_lies(covered):
+    likeliest, other = seen(LOWER, 0.9, mouse=0.99, cup=0.01), seen(AWAY, 0.8, mouse=0.95, cup=0.05)
+    objects = [likeliest, other, *([seen(UPPER, 0.9, cup=1.0)] if covered else [])]
+    for each in objects:
+        each.evidence = each.evidence * 2
+    view = View(None, objects, [], [], TABLE, np.zeros((0, 3)))
+    view.__dict__["surface"] = np.zeros((0, 3))
+    log = PolicyLog()
+    PickPlanner(None, CurvaturePlanner(ROBOTIQ_2F_140), None, 0.6, "mouse", log).decide(objects, view, None)
+    assert log.chosen == (1 if covered else 0)
+
+
 def test_places_are_free_where_the_table_was_seen_and_nothing_stands():
     table = patch((0.3, 0.7), (-0.3, 0.3), 0.0, 0.003)
     thing = patch((0.45, 0.55), (-0.05, 0.05), 0.05)
@@ -193,40 +237,66 @@ class _TrueSegments:
         )
 
 
+@pytest.fixture
+def stacked():
+    """Makes a task with a plug adapter that lies on the asked-for joypad, and plays an episode in it."""
+    envs = []
+
+    def play(clears, **settings):
+        env = gym.make(
+            "SelectiveGrasp-v1",
+            obs_mode="depth+segmentation",
+            control_mode="pd_joint_pos",
+            sim_backend="physx_cpu",
+            render_backend="cpu",
+            n_objects=2,
+            max_episode_steps=800,
+            **settings,
+        )
+        envs.append(env)
+        _, info = env.reset(seed=0, options={"objects": ["joypad", "plug_adapter"], "target": "joypad"})
+        task = env.unwrapped
+        below, above = task.objects
+        pose = above.pose.raw_pose.clone()
+        pose[:, :2] = below.pose.p[:, :2]
+        pose[:, 2] += 0.06
+        above.set_pose(Pose.create(pose))
+        policy = ScriptedPolicy(_Labels(env), clear=clears)
+        policy.segmenter = segments = _TrueSegments(policy.segmenter, env)
+        policy.reset(info["target"][0])
+        action = np.array([*HOME, 0.14, 60.0], np.float32)
+        terminated = False
+        for _ in range(25):
+            obs, *_ = env.step(action)
+        task.memory.air_at_start = air_below(task.table.poses(), task.table.hull_vertices).clamp(min=0.0)
+        while not (policy.done or terminated):
+            segments.obs = obs
+            obs, _, terminated, _, info = env.step(policy.act(obs))
+        for _ in range(20):
+            if not terminated:
+                obs, _, terminated, _, info = env.step(policy.act(obs))
+        return policy.log, info, below, above
+
+    yield play
+    for env in envs:
+        env.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("clear", [True, False])
-def test_what_lies_on_the_asked_for_object_is_put_down_beside_it_first(clear):
-    env = gym.make(
-        "SelectiveGrasp-v1",
-        obs_mode="depth+segmentation",
-        control_mode="pd_joint_pos",
-        sim_backend="physx_cpu",
-        render_backend="cpu",
-        objects=Catalogue(LARS_CLASSES, instances_per_class=2),
-        n_objects=2,
-        clear=clear,
-        max_episode_steps=800,
-    )
-    _, info = env.reset(seed=0, options={"objects": ["joypad", "plug_adapter"], "target": "joypad"})
-    below, above = env.unwrapped.objects
-    pose = above.pose.raw_pose.clone()
-    pose[:, :2] = below.pose.p[:, :2]
-    pose[:, 2] += 0.06
-    above.set_pose(Pose.create(pose))
-    policy = ScriptedPolicy(_Labels(env), clear=True)
-    policy.segmenter = segments = _TrueSegments(policy.segmenter, env)
-    policy.reset(info["target"][0])
-    action = np.array([*HOME, 0.14, 60.0], np.float32)
-    terminated = False
-    for _ in range(20):
-        obs, *_ = env.step(action)
-    while not (policy.done or terminated):
-        segments.obs = obs
-        obs, _, terminated, _, info = env.step(policy.act(obs))
+def test_what_lies_on_the_asked_for_object_is_put_down_beside_it_first(stacked, clear):
+    log, info, below, above = stacked(True, clear=clear, objects=Catalogue(LARS_CLASSES, instances_per_class=2))
     assert bool(info["wrong_object"]) is not clear
     if clear:
         assert info["success"]
-        assert policy.log.cleared == 1
+        assert log.cleared == 1
         assert torch.linalg.norm(above.pose.p[0, :2] - below.pose.p[0, :2]) > 0.08
         assert float(above.pose.p[0, 2]) < 0.05
-    env.close()
+
+
+@pytest.mark.slow
+def test_what_may_not_be_taken_away_slides_off_when_the_object_below_is_tipped(stacked):
+    log, info, _, above = stacked(False, objects=Catalogue(LARS_CLASSES, instances_per_class=4))
+    assert info["success"]
+    assert "something lies on it: it is tipped while it is lifted" in log.doubts
+    assert float(above.pose.p[0, 2]) < 0.05
