@@ -19,7 +19,7 @@ from torch.nn import functional
 
 from pec.networks.short_convolution import convolve
 
-__all__ = ["PEC"]
+__all__ = ["PEC", "ConvTranspose1d"]
 
 
 class PEC(nn.Module):
@@ -50,11 +50,11 @@ class PEC(nn.Module):
         self.decoder = nn.Sequential(
             nn.Linear(n // 2, n),
             nn.Unflatten(1, (1, n)),
-            _ConvTranspose1d(n, 4 * n, 2),
+            ConvTranspose1d(n, 4 * n, 2),
             nn.ReLU(),
-            _ConvTranspose1d(4 * n, 8 * n, 2),
+            ConvTranspose1d(4 * n, 8 * n, 2),
             nn.ReLU(),
-            _ConvTranspose1d(8 * n, n, 1),
+            ConvTranspose1d(8 * n, n, 1),
             nn.Sigmoid(),
         )
         self.head = nn.Sequential(
@@ -87,7 +87,7 @@ class _Conv1d(nn.Conv1d):
         return functional.linear(x, self.weight.permute(0, 2, 1).flatten(1), self.bias)
 
 
-class _ConvTranspose1d(nn.ConvTranspose1d):
+class ConvTranspose1d(nn.ConvTranspose1d):
     """nn.ConvTranspose1d of signals (B, length, channels)."""
 
     def forward(self, x: torch.Tensor, output_size: list[int] | None = None) -> torch.Tensor:

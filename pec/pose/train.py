@@ -14,7 +14,6 @@ from typing import Any
 
 import torch
 from torch.utils.tensorboard import SummaryWriter
-from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
@@ -28,6 +27,7 @@ from pec.pose.epoch import run_epoch
 from pec.pose.evaluation import evaluate, proposal_figures
 from pec.pose.models import PoseModels, read_models
 from pec.pose.run_state import PoseRunState, check_same_run
+from pec.training.epoch_bar import epoch_bar
 
 __all__ = ["train_pose"]
 
@@ -89,14 +89,7 @@ def _fit(config: PoseTrainConfig, state: PoseRunState, data: _Data) -> None:
     epochs = config.protocol.epochs
     # What an interrupted run wrote after its last saved epoch is hidden.
     writer = SummaryWriter(str(Path(config.output) / "tensorboard"), purge_step=state.epoch + 1)
-    bar = tqdm(
-        range(state.epoch, epochs),
-        desc="training",
-        unit="epoch",
-        initial=state.epoch,
-        total=epochs,
-        disable=not config.progress,
-    )
+    bar = epoch_bar(state.epoch, epochs, shown=config.progress)
     with writer, bar:
         for epoch in bar:
             begin = time.perf_counter()

@@ -16,7 +16,7 @@ from pec.classifier import Classifier
 from pec.common.threads import torch_threads
 from pec.networks.registry import fast_forward
 
-__all__ = ["Costs", "counted_multiply_adds", "measure_costs", "multiply_adds"]
+__all__ = ["Costs", "counted_multiply_adds", "measure_costs", "median_ms", "multiply_adds"]
 
 RAW_POINTS = 2000  # of the cloud that is classified: a mug-sized object half a metre from a D435
 
@@ -45,8 +45,8 @@ def measure_costs(checkpoint: Checkpoint) -> Costs:
     points = torch.from_numpy(cloud[None, : checkpoint.preprocess.n_points])
     forward = fast_forward(model)
     with torch_threads(1), torch.no_grad():
-        network_ms = _median_ms(lambda: forward(points))
-        raw_cloud_ms = _median_ms(lambda: classifier.predict(cloud))
+        network_ms = median_ms(lambda: forward(points))
+        raw_cloud_ms = median_ms(lambda: classifier.predict(cloud))
     return Costs(
         sum(parameter.numel() for parameter in model.parameters()),
         multiply_adds(model, checkpoint.preprocess.n_points),
@@ -72,7 +72,8 @@ def counted_multiply_adds(call: Callable[[], object]) -> int:
     return counter.get_total_flops() // 2
 
 
-def _median_ms(call: Callable[[], object]) -> float:
+def median_ms(call: Callable[[], object]) -> float:
+    """Milliseconds of a call, the median of 30 after 3."""
     for _ in range(3):
         call()
     times = []

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
@@ -24,6 +23,7 @@ from pec.networks.baselines import Memorising
 from pec.training.config import TrainConfig, read_config
 from pec.training.doubts import doubts, threshold_doubts
 from pec.training.epoch import EpochResult, Epochs, memorise
+from pec.training.epoch_bar import epoch_bar
 from pec.training.final_evaluation import report
 from pec.training.finished_runs import finished_results
 from pec.training.precision import Precision, choose_precision
@@ -64,14 +64,7 @@ def _fit(config: TrainConfig, state: RunState, data: RunData) -> None:
         state.precision = _precision(state, epochs, data)
     inputs = arrange_views(config.preprocess, data.selection.candidates, data.selection.valid)
     with Tracker(Path(config.output) / "tensorboard", state.epoch) as tracker:
-        bar = tqdm(
-            range(state.epoch, state.n_epochs),
-            desc="training",
-            unit="epoch",
-            initial=state.epoch,
-            total=state.n_epochs,
-            disable=not config.progress,
-        )
+        bar = epoch_bar(state.epoch, state.n_epochs, shown=config.progress)
         for epoch in bar:
             begin = time.perf_counter()
             trained = _train_epoch(config, state, epochs, data, epoch)

@@ -21,7 +21,7 @@ from grasping.segmentation.trained import NAMES
 from pec.common.atomic_files import write_whole
 from pec.data.shards import Manifest, read_manifest
 from pec.experiments.code_version import code_version
-from pecgrasp_env.capture.scenes.frames import BIN_LABEL, LabelledFrame, frames_of, read_frames
+from pecgrasp_env.capture.scenes.frames import BIN_LABEL, LabelledFrame, cloud_of, frames_of, read_frames
 from pecgrasp_env.experiments.kept_examples import Examples, KeptExamples, check_same, write_trees
 from pecgrasp_env.experiments.segmenter_page import picture, render
 from pecgrasp_env.experiments.segmenter_scores import FOUND, Tally, score
@@ -41,16 +41,6 @@ FILE = "relations.npz"
 
 # From here on, imports lead to all that decides what a frame gives, and the trees.
 _CODE = (("pecgrasp_env.experiments.segmenter_training",), ("numpy", "scipy"))
-
-
-def cloud_of(frame: LabelledFrame) -> NDArray[np.float32]:
-    """(H, W, 3) m in the camera's frame, NaN where nothing was measured."""
-    h, w = frame.depth.shape
-    K = frame.K
-    z = np.where(frame.depth > 0, frame.depth, np.float32(np.nan))
-    x = (np.arange(w) + 0.5 - K[0, 2]) / K[0, 0]
-    y = (np.arange(h) + 0.5 - K[1, 2]) / K[1, 1]
-    return np.stack([z * x, z * y[:, None], z], axis=-1).astype(np.float32)
 
 
 def labels_of(frame: LabelledFrame) -> NDArray[np.int64]:

@@ -12,15 +12,23 @@ __all__ = ["balls", "farthest_points", "nearest", "squared_distances", "take"]
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """(B, N, C) and (B, M, C) → (B, N, M), not below zero."""
-    product = torch.baddbmm(b.square().sum(dim=2)[:, None], a, b.transpose(1, 2), alpha=-2)
-    return (product + a.square().sum(dim=2)[:, :, None]).clamp_min(0)
+    """(B, N, C) and (B, M, C) → (B, N, M), not below zero; under autocast in float32, too.
+
+    The product of bfloat16 is off by more than the squared distance between neighbours.
+    """
+    with torch.autocast(a.device.type, enabled=False):
+        dtype = torch.promote_types(a.dtype, torch.float32)
+        a, b = a.to(dtype), b.to(dtype)
+        product = torch.baddbmm(b.square().sum(dim=2)[:, None], a, b.transpose(1, 2), alpha=-2)
+        return (product + a.square().sum(dim=2)[:, :, None]).clamp_min(0)
 
 
 def take(features: torch.Tensor, indices: torch.Tensor) -> torch.Tensor:
     """features (B, N, C) at indices (B, …) → (B, …, C)."""
-    batch = torch.arange(features.shape[0], device=features.device)
-    return features[batch.view(-1, *[1] * (indices.dim() - 1)), indices]
+    batch, n, channels = features.shape
+    first = n * torch.arange(batch, device=features.device).view(-1, *[1] * (indices.dim() - 1))
+    # Rows of one matrix: forward and backward twice as fast as by two indices.
+    return features.flatten(0, 1).index_select(0, (first + indices).flatten()).view(*indices.shape, channels)
 
 
 def nearest(queries: torch.Tensor, points: torch.Tensor, k: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -73,9 +73,14 @@ class PointNet(nn.Module):
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
         """(B, N, 3) centred points in any order → (B, n_classes) logits."""
+        return self.cloud(self.features(points)[1])
+
+    def features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, N, 64) of each point, and (B, 1024) of the whole cloud."""
         x = self.low(points @ self.input_transform(points))
         matrix = self.feature_transform(x)
         if self.training:
             gap = torch.eye(64, device=x.device) - matrix @ matrix.transpose(1, 2)
             self.penalty = _PENALTY * gap.square().sum(dim=(1, 2)).mean()
-        return self.cloud(self.high(x @ matrix).amax(dim=1))
+        x = x @ matrix
+        return x, self.high(x).amax(dim=1)

@@ -31,7 +31,16 @@ from pec.common.atomic_files import write_whole
 from pec.data.shards import ShardRecord, read_manifest
 from pec.errors import DatasetError
 
-__all__ = ["BIN_LABEL", "FIRST_OBJECT", "TABLE_LABEL", "LabelledFrame", "frames_of", "read_frames", "write_frames"]
+__all__ = [
+    "BIN_LABEL",
+    "FIRST_OBJECT",
+    "TABLE_LABEL",
+    "LabelledFrame",
+    "cloud_of",
+    "frames_of",
+    "read_frames",
+    "write_frames",
+]
 
 TABLE_LABEL, FIRST_OBJECT, BIN_LABEL = 1, 2, 254
 _UNITS = 1e4  # of depth in a metre
@@ -54,6 +63,16 @@ class LabelledFrame:
     class_index: np.ndarray
     pose: np.ndarray
     visible: np.ndarray
+
+
+def cloud_of(frame: LabelledFrame) -> np.ndarray:
+    """(H, W, 3) float32 m in the camera's frame, NaN where nothing was measured."""
+    h, w = frame.depth.shape
+    K = frame.K
+    z = np.where(frame.depth > 0, frame.depth, np.float32(np.nan))
+    x = (np.arange(w) + 0.5 - K[0, 2]) / K[0, 0]
+    y = (np.arange(h) + 0.5 - K[1, 2]) / K[1, 1]
+    return np.stack([z * x, z * y[:, None], z], axis=-1).astype(np.float32)
 
 
 _EACH = {"K": np.float64, "T_world_camera": np.float64, "kind": np.int32, "camera": np.int32, "scene": np.int64,
