@@ -86,9 +86,12 @@ def _rows(names: tuple[str, ...], table: np.ndarray) -> list[tuple[str, ...]]:
 def _pictures(scene: GraspScene) -> list[tuple[str, str]]:
     """Caption and address of two: grasps that held, and grasps that did not."""
     rng = np.random.default_rng(len(scene.points))
-    pictures = []
-    for words, which in (("held", scene.held), ("failed", ~scene.held)):
-        chosen = np.sort(rng.permutation(np.flatnonzero(which))[:_HANDS])
-        caption = f"{scene.instance}: {len(chosen)} of {int(which.sum())} that {words}"
-        pictures.append((caption, jpeg_uri(grasp_picture(scene, chosen))))
-    return pictures
+    parts = [("held", scene.held), ("failed", ~scene.held)]
+    shown = [np.sort(rng.permutation(np.flatnonzero(which))[:_HANDS]) for _, which in parts]
+    return [
+        (
+            f"{scene.instance}: {len(chosen)} of {int(which.sum())} that {words}",
+            jpeg_uri(grasp_picture(scene, chosen, np.concatenate(shown))),
+        )
+        for (words, which), chosen in zip(parts, shown, strict=True)
+    ]

@@ -18,8 +18,11 @@ _ELEVATION = np.radians(35.0)
 _BEHIND_M, _STEM_M = 0.06, 0.035  # from the pads' centre back to where the lines meet, and from there on
 
 
-def grasp_picture(scene: GraspScene, chosen: np.ndarray) -> np.ndarray:
-    """(h, w, 3) uint8 of a scene and its grasps of the indices `chosen`, each in its outcome's colour."""
+def grasp_picture(scene: GraspScene, chosen: np.ndarray, in_frame: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8 of a scene and its grasps of the indices `chosen`, each in its outcome's colour.
+
+    in_frame: indices of the grasps for which the picture has room, so that two pictures show the object alike.
+    """
     away = scene.T_world_camera[:2, 3] - scene.points[:, :2].mean(axis=0)
     azimuth = np.arctan2(away[1], away[0])
     back = np.array([np.cos(azimuth) * np.cos(_ELEVATION), np.sin(azimuth) * np.cos(_ELEVATION), np.sin(_ELEVATION)])
@@ -27,8 +30,8 @@ def grasp_picture(scene: GraspScene, chosen: np.ndarray) -> np.ndarray:
     down = np.cross(right, back)
     axes = np.stack([right, down, back], axis=1)
     points = scene.points.astype(float) @ axes
-    hands = [_hand(scene.T_world_grasp[i].astype(float), float(scene.widths[i])) @ axes for i in chosen]
-    everything = np.concatenate([points, *hands])[:, :2]
+    hands = {i: _hand(scene.T_world_grasp[i].astype(float), float(scene.widths[i])) @ axes for i in in_frame.tolist()}
+    everything = np.concatenate([points, *hands.values()])[:, :2]
     low, high = everything.min(axis=0), everything.max(axis=0)
     size = _FINE * _SIDE
     scale = (size - 2 * _FINE * _MARGIN) / max(float((high - low).max()), 1e-6)
@@ -43,8 +46,8 @@ def grasp_picture(scene: GraspScene, chosen: np.ndarray) -> np.ndarray:
         x, y = on_paper(points[i])
         color = (_FAR + near[i] * (_NEAR - _FAR)).astype(int)
         draw.ellipse([x - 2, y - 2, x + 2, y + 2], fill=tuple(color.tolist()))
-    for i, hand in zip(chosen, hands, strict=True):
-        corners = [tuple(each) for each in on_paper(hand).tolist()]
+    for i in chosen.tolist():
+        corners = [tuple(each) for each in on_paper(hands[i]).tolist()]
         color = OUTCOME_COLORS[int(scene.outcome[i])]
         draw.line(corners[:4], fill=color, width=2 * _FINE, joint="curve")
         draw.line(corners[4:], fill=color, width=2 * _FINE)
