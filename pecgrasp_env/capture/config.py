@@ -204,7 +204,7 @@ class CaptureConfig:
                 classes=None if classes is None else tuple(classes),
                 instances_per_class=settings["instances_per_class"],
                 strangers=0 if settings.get("scenario") == "surface" else objects.get("strangers", 0),
-                families=objects.get("families", ObjectsConfig.families),
+                families=objects.get("families") or _usual_families(objects),
                 deformations=objects.get("deformations", ObjectsConfig.deformations),
                 deformation=objects.get("deformation", ObjectsConfig.deformation),
                 strangers_samples=objects.get("strangers_samples", ObjectsConfig.strangers_samples),
@@ -291,6 +291,11 @@ class CaptureConfig:
         if self.objects.source == "ycb":
             return tuple(LOOK_ALIKES.values())
         return self.objects.classes or LARS_CLASSES
+
+
+def _usual_families(objects: Mapping[str, Any]) -> str:
+    """What lies on real tables is as wide as what is sold; other sources than the catalogue have no families."""
+    return "wide" if objects["source"] == "catalogue" and objects["path"] is None else "narrow"
 
 
 _OF_PILED = {"objects_per_frame": 6, "min_purity": 0.5}

@@ -19,8 +19,9 @@ ROOT = Path(__file__).parents[3]
 
 LARS = CaptureConfig(objects=ObjectsConfig(instances_per_class=2), resolutions=("848x480",))
 WITH_STRANGERS = ObjectsConfig(strangers=None)
+WIDE = replace(WITH_STRANGERS, families="wide")
 ROBOT = CaptureConfig(
-    scenario="tabletop", objects=WITH_STRANGERS, sensor="d435", samples_per_instance=100, resolutions=("424x240",)
+    scenario="tabletop", objects=WIDE, sensor="d435", samples_per_instance=100, resolutions=("424x240",)
 )
 
 
@@ -36,10 +37,11 @@ ROBOT = CaptureConfig(
         (["objects.path=M"], replace(ROBOT, objects=replace(WITH_STRANGERS, path="M"))),
         (
             ["objects=catalogue"],
-            replace(ROBOT, objects=replace(WITH_STRANGERS, classes=CLASSES, instances_per_class=10)),
+            replace(ROBOT, objects=replace(WIDE, classes=CLASSES, instances_per_class=10)),
         ),
-        (["objects.strangers=0"], replace(ROBOT, objects=ObjectsConfig())),
-        (["scenario=surface"], replace(ROBOT, scenario="surface", objects=ObjectsConfig())),
+        (["objects.strangers=0"], replace(ROBOT, objects=ObjectsConfig(families="wide"))),
+        (["objects.families=narrow"], replace(ROBOT, objects=WITH_STRANGERS)),
+        (["scenario=surface"], replace(ROBOT, scenario="surface", objects=ObjectsConfig(families="wide"))),
         (["scenario=free", "sensor.mode=ideal"], replace(ROBOT, scenario="free", sensor="ideal")),
         (["dataset=lars"], LARS),
         (["dataset=lars", "sensor=d435"], replace(LARS, sensor="d435")),
