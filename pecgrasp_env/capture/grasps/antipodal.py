@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull
 from grasping import ROBOTIQ_2F_140
 from pecgrasp_env.motion.grasp_approach import clear_of_table
 from pecgrasp_env.objects import ObjectModel
+from pecgrasp_env.objects.meshing.surface_points import doubled_normals, uniform_points
 from pecgrasp_env.objects.model import FRICTION
 
 __all__ = ["OPEN_MARGIN_M", "TABLE", "Antipodal", "antipodal_grasps"]
@@ -72,14 +73,10 @@ def antipodal_grasps(model: ObjectModel, T_world_object: np.ndarray, count: int,
 def _on_surface(model: ObjectModel, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) uniform on what is seen of the object, and normals (n, 3) of either sign; object frame."""
     corners = np.concatenate([part.vertices[part.faces] for part in model.parts]).astype(float)
-    along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normals = np.cross(along, across)
+    normals = doubled_normals(corners)
     areas = np.linalg.norm(normals, axis=1)
-    face = rng.choice(len(areas), count, p=areas / areas.sum())
-    a, b = rng.random((2, count, 1))
-    folded = a + b > 1  # the parallelogram's other half
-    a, b = np.where(folded, 1 - a, a), np.where(folded, 1 - b, b)
-    return corners[face, 0] + a * along[face] + b * across[face], normals[face] / areas[face, None]
+    points, face = uniform_points(corners, areas, count, rng)
+    return points, normals[face] / areas[face, None]
 
 
 def _within_cone(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from pec.data.shards import CloudSample
 from pecgrasp_env.capture.config import CaptureConfig
 from pecgrasp_env.capture.scenarios.base import Captured, Subject, sample_seed
+from pecgrasp_env.objects.meshing.surface_points import doubled_normals, uniform_points
 
 __all__ = ["SurfaceScenario", "poisson_disk"]
 
@@ -54,16 +55,11 @@ class SurfaceScenario:
 def poisson_disk(vertices: np.ndarray, faces: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray | None:
     """`n` points (n, 3) of a surface (V, 3), (F, 3), far from each other; None where it has no area."""
     corners = vertices[faces]
-    along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = np.linalg.norm(np.cross(along, across), axis=1) / 2
+    area = np.linalg.norm(doubled_normals(corners), axis=1) / 2
     total = float(area.sum())
     if not total > 0:
         return None
-    face = rng.choice(len(faces), _CANDIDATES * n, p=area / total)
-    a, b = rng.random((2, len(face), 1))
-    outside = a + b > 1  # the parallelogram's other half, folded back
-    a, b = np.where(outside, 1 - a, a), np.where(outside, 1 - b, b)
-    darts = corners[face, 0] + a * along[face] + b * across[face]
+    darts, _ = uniform_points(corners, area, _CANDIDATES * n, rng)
     # No two of n points on a plane of this area are all farther apart than in a triangular lattice.
     widest = np.sqrt(2 * total / (np.sqrt(3) * n))
     tree = cKDTree(darts)
