@@ -6,6 +6,7 @@ to the other, seen from above, and not near either end of it. What is off that l
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -105,9 +106,7 @@ def plan_pair(
     grasps, reasons, outline = candidates(
         points, table=table, up=up, obstacles=obstacles, viewpoint=viewpoint, planner=planner
     )
-    pairs, reason = couple(grasps, outline, arms, least_distance)
-    if reason is not None and reason.kind in ("no_grasp", "one_region") and reasons:
-        reason = NoPair(reason.kind, f"{reason.text}: {max(set(reasons), key=reasons.count)}")
+    pairs, reason = couple(grasps, reasons, outline, arms, least_distance)
     if reason is None:
         balanced = [pair for pair in pairs if min(pair.shares) >= LEAST_SHARE and pair.off <= MOST_OFF]
         if not balanced:
@@ -143,9 +142,14 @@ def candidates(
 
 
 def couple(
-    grasps: Sequence[Grasp], outline: Footprint, arms: Sequence[Arm] | None, least_distance: float = LEAST_DISTANCE
+    grasps: Sequence[Grasp],
+    reasons: Sequence[str],
+    outline: Footprint,
+    arms: Sequence[Arm] | None,
+    least_distance: float = LEAST_DISTANCE,
 ) -> tuple[list[GraspPair], NoPair | None]:
-    """All pairs that two arms can take at once, whether they balance or not; or why there are none.
+    """All pairs that two arms can take at once, whether they balance or not; or why there are none. grasps, reasons,
+    outline: of `candidates`.
 
     Raises ConfigError for a distance below zero, or another number of arms than two.
     """
@@ -154,7 +158,9 @@ def couple(
         raise ConfigError(f"arms: {len(arms)} of them; a pair is for two")
     if len(grasps) < 2:
         few: Kind = "one_region" if grasps else "no_grasp"
-        return [], NoPair(few, "one hand alone finds a place" if grasps else "no hand finds a place")
+        text = "one hand alone finds a place" if grasps else "no hand finds a place"
+        why = Counter(reasons).most_common(1)
+        return [], NoPair(few, f"{text}: {why[0][0]}" if why else text)
     # Along the object, so that the order without arms means something.
     ordered = sorted(grasps, key=lambda grasp: float(grasp.pose[:3, 3] @ outline.axes[:, 0]))
     level = outline.axes[:, :2]

@@ -38,8 +38,8 @@ def pair(seen: Seen, goal: np.ndarray, rng: np.random.Generator) -> Choice:
 
 def random_pair(seen: Seen, goal: np.ndarray, rng: np.random.Generator) -> Choice:
     """Two of the same grasps that two arms can take at once, drawn without a look at the weight."""
-    grasps, _, outline = candidates(seen.points, table=seen.plane, viewpoint=seen.viewpoint)
-    pairs, refusal = couple(grasps, outline, _arms(seen, goal))
+    grasps, reasons, outline = candidates(seen.points, table=seen.plane, viewpoint=seen.viewpoint)
+    pairs, refusal = couple(grasps, reasons, outline, _arms(seen, goal))
     reason = None if refusal is None else f"{refusal.kind}: {refusal.text}"
     order = rng.permutation(len(pairs))
     return Choice([dict(enumerate(pairs[k].grasps)) for k in order], reason, outline.centre)
