@@ -1,6 +1,14 @@
 """Errors that a caller can act on: each message names the argument and the value that is wrong."""
 
+import lzma
 import math
+import zipfile
+import zlib
+
+DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
+"""What reading a .zip raises where it is gone, cut short or overwritten in places."""
+DAMAGED_NPZ = (*DAMAGED_ZIP, KeyError, IndexError, TypeError, SyntaxError, AttributeError)
+"""Likewise a .npz, whose headers NumPy evaluates as Python literals, or one that holds other arrays, or is an .npy."""
 
 
 class CloudError(ValueError):

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import io
-import lzma
 import math
 import tokenize
 import warnings
 import zipfile
-import zlib
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasping.cloud_files.depth_frame import back_projected
-from grasping.errors import CloudError
+from grasping.errors import DAMAGED_ZIP, CloudError
 
-_ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
 # What NumPy raises where it evaluates a damaged header as a Python literal.
 _HEADER_ERRORS = (
     ValueError,
@@ -60,7 +57,7 @@ def read_npz(data: bytes) -> NDArray:
             arrays = {name: load(name) for name in names}
     except CloudError:  # a ValueError, too
         raise
-    except _ZIP_ERRORS as error:
+    except DAMAGED_ZIP as error:
         raise CloudError(f"not a readable .npz: {error}") from error
     clouds = [name for name, array in arrays.items() if _is_cloud(array)]
     if len(clouds) == 1:

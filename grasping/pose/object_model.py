@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from grasping.errors import ModelError, require_between
+from grasping.errors import DAMAGED_NPZ, ModelError, require_between
 from grasping.pose.mesh_file import OPENING, SUFFIXES, Mesh, areas, checked, diameter, read_mesh
 from grasping.pose.poisson_disk import eliminate, surface_points
 from grasping.pose.seen_surface import FEWEST, directions_around, times_seen
@@ -235,7 +235,7 @@ def _stored(file: Path, name: str, label: str) -> ObjectModel | None:
                 float(data["diameter"]),
                 symmetry,
             )
-    except (OSError, ValueError, KeyError, EOFError):  # not there, or half of it
+    except DAMAGED_NPZ:  # not there, or half of it
         return None
 
 

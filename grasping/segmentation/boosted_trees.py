@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasping.errors import ConfigError
+from grasping.errors import DAMAGED_NPZ, ConfigError
 from grasping.segmentation import kernels
 
 FloatArray = NDArray[np.float64]
@@ -115,7 +115,7 @@ def read_relations(path: Path, names: dict[str, tuple[str, ...]]) -> Relations:
         trees = {name: _trees(arrays, name) for name in KINDS}
     except FileNotFoundError as error:
         raise ConfigError(f"relations = {path}: there is no such file") from error
-    except (OSError, ValueError, KeyError) as error:
+    except DAMAGED_NPZ as error:
         raise ConfigError(f"relations = {path}: not a file of pecgrasp train-segmenter ({error})") from error
     if head["format"] != FORMAT or head["names"] != {name: list(names[name]) for name in KINDS}:
         way_out = "train it again with pecgrasp train-segmenter"

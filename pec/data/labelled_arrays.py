@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from pec.common.atomic_files import replacing
+from pec.common.damaged_npz import DAMAGED_NPZ
 from pec.data.dataset import CloudDataset
 from pec.errors import DatasetError
 
@@ -34,9 +33,6 @@ FORM = (
     "expected points (n, P, 3), or points (M, 3) with offsets (n + 1,); labels (n,), one a cloud; class_names (C,); "
     "see docs/own_objects.md"
 )
-
-
-_BROKEN = (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, TypeError, SyntaxError)
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
             for name in archive.files:
                 arrays[name] = archive[name]
             return arrays
-    except (*_BROKEN, AttributeError) as error:  # no attribute `files`: a .npy by another name
+    except DAMAGED_NPZ as error:
         if "allow_pickle" in str(error):
             raise DatasetError(
                 f"{path}: array {name!r} holds Python objects, which are not unpickled. Clouds of unequal length: "

@@ -22,8 +22,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import zipfile
-import zlib
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from pec.common.atomic_files import write_whole
+from pec.common.damaged_npz import DAMAGED_NPZ
 from pec.data.shards import Manifest, ShardRecord, read_manifest
 from pec.errors import DatasetError
 
@@ -189,7 +188,7 @@ def read_grasp_shard(path: str | os.PathLike[str], record: ShardRecord | None = 
             )
             for s in range(n_scenes)
         ]
-    except (OSError, ValueError, KeyError, EOFError, IndexError, zipfile.BadZipFile, zlib.error) as error:
+    except DAMAGED_NPZ as error:
         raise DatasetError(
             f"{path} is no shard of grasp labels: {error}; the command that generated them makes missing and damaged "
             "shards anew"

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasping.errors import DAMAGED_NPZ
 from grasping.errors import ConfigError as RelationsError
 from grasping.segmentation.boosted_trees import Relations, read_relations, write_relations
 from grasping.segmentation.trained import NAMES
@@ -74,7 +74,7 @@ class KeptExamples:
         try:
             with np.load(self._file(name), allow_pickle=False) as kept:
                 return {kind: _read(kept, kind) for kind in kept["kinds"].tolist()}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        except DAMAGED_NPZ:
             pass
         made = make()
         arrays: dict[str, NDArray] = {"kinds": np.array(list(made))}

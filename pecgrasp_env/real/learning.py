@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from grasping.errors import DAMAGED_NPZ
 from pecgrasp_env.real.connected import SettingError
 
 CLOUDS = "clouds.npz"
@@ -91,7 +92,7 @@ def read_clouds(folder: Path) -> list[np.ndarray]:
     try:
         with np.load(folder / CLOUDS) as held:
             return [held[key] for key in sorted(held)]
-    except (OSError, ValueError) as error:
+    except DAMAGED_NPZ as error:
         raise SettingError(f"{folder / CLOUDS}, of a class that was taught, cannot be read: {error}") from error
 
 

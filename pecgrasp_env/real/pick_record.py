@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from grasping.errors import DAMAGED_NPZ
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.scripted import ScriptedPolicy
@@ -121,14 +122,18 @@ def recorded_frames(folder: Path) -> Iterator[dict[str, Any]]:
     if not files:
         raise RecordError(f"{folder}/frames holds no recorded frame: a folder that pecgrasp pick has left?")
     for file in files:
-        with np.load(file) as held:
-            yield {
-                "depth": held["depth"],
-                "intrinsics": intrinsics_of_stored(held["K"], held["depth"].shape),
-                "T_base_camera": held["T_base_camera"],
-                "q": held["q"],
-                "opening": float(held["opening"]),
-            }
+        try:
+            with np.load(file) as held:
+                frame = {
+                    "depth": held["depth"],
+                    "intrinsics": intrinsics_of_stored(held["K"], held["depth"].shape),
+                    "T_base_camera": held["T_base_camera"],
+                    "q": held["q"],
+                    "opening": float(held["opening"]),
+                }
+        except DAMAGED_NPZ as error:
+            raise RecordError(f"{file} is damaged: {error}; without it the other frames can be replayed") from error
+        yield frame
 
 
 def recorded_settings(folder: Path) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
+from grasping.errors import DAMAGED_NPZ
 from pec.common.atomic_files import write_whole
 from pec.data.shards import ShardRecord, read_manifest
 from pec.errors import DatasetError
@@ -124,7 +125,7 @@ def read_frames(path: str | os.PathLike[str]) -> Iterator[LabelledFrame]:
                     pose=rows["pose"][here],
                     visible=rows["visible"][here],
                 )
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except DAMAGED_NPZ as error:
         raise DatasetError(
             f"{path} is no shard of labelled frames: {error}; the command that generated the data set makes missing "
             "and damaged shards anew"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from grasping.errors import DAMAGED_NPZ
 from grasping.pose.object_model import ObjectModel, object_model
 from pec.data.dataset import UNKNOWN
 from pec.data.shards import read_manifest, read_shard
@@ -141,11 +142,17 @@ def frame_cases(folder: Path, most: int) -> tuple[list[ObjectModel], Iterator[Fr
 
 
 def real_views(file: Path) -> Iterator[CloudCase]:
-    """Posed real views of one object, a cut-out each, of a file as conf/evaluate_pose.yaml says."""
-    with np.load(file) as data:
-        depth = data["depth"].astype(np.float64) * float(data["depth_scale_m"])
-        K, poses = data["K"], data["T_camera_object"]
-        vertices, faces = data["mesh_vertices"], data["mesh_faces"]
+    """Posed real views of one object, a cut-out each, of a file as conf/evaluate_pose.yaml says.
+
+    Raises DatasetError where the file is not such a one.
+    """
+    try:
+        with np.load(file) as data:
+            depth = data["depth"].astype(np.float64) * float(data["depth_scale_m"])
+            K, poses = data["K"], data["T_camera_object"]
+            vertices, faces = data["mesh_vertices"], data["mesh_faces"]
+    except DAMAGED_NPZ as error:
+        raise DatasetError(f"{file} has no posed views as conf/evaluate_pose.yaml wants them: {error}") from error
     model = object_model(vertices, faces, file.stem, allow_open=True)
     rows, columns = np.indices(depth.shape[1:])
     ray = np.stack([(columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1], np.ones(depth.shape[1:])], axis=-1)

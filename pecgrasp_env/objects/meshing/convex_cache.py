@@ -5,12 +5,12 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import io
-import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
+from grasping.errors import DAMAGED_NPZ
 from pec.common.atomic_files import write_whole
 from pecgrasp_env.objects.meshing.convex_decomposition import COACD, MOST_FACES, decompose
 from pecgrasp_env.objects.meshing.mesh_cache import cache_folder
@@ -52,6 +52,6 @@ def _stored(path: Path) -> list[np.ndarray] | None:
     try:
         with np.load(path, allow_pickle=False) as stored:
             points, counts = stored["points"], stored["counts"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except DAMAGED_NPZ:
         return None
     return np.split(points, np.cumsum(counts)[:-1]) if len(counts) else []

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from grasping.cloud_files.depth_frame import checked_intrinsics
-from grasping.errors import CloudError
+from grasping.errors import DAMAGED_NPZ, CloudError
 from pecgrasp_env.real.errors import ConnectionLost, RobotError
 from pecgrasp_env.real.interfaces import DepthImage
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
@@ -46,7 +46,7 @@ def read_depth_image(path: Path) -> DepthImage:
             scale = (
                 float(stored["depth_scale"]) if "depth_scale" in stored else 1.0 if depth.dtype.kind == "f" else 1e-3
             )
-    except (OSError, ValueError, KeyError) as error:
+    except DAMAGED_NPZ as error:
         raise RobotError(f"{path}: {error}: a frame has depth (H, W) and K (3, 3)") from error
     if depth.ndim != 2 or depth.dtype.kind not in "fiu":
         raise RobotError(f"{path}: depth is {depth.dtype} of shape {depth.shape}: numbers (H, W) are wanted")
