@@ -24,6 +24,8 @@ import grasping
 from grasping import ConfigError, CurvaturePlanner
 from grasping.gripper import ROBOTIQ_2F_140
 from grasping.plan_files.run import plan_files
+from pec.grasps.checkpoint import GraspCheckpoint, write_grasp_checkpoint
+from pec.grasps.network import NetworkConfig, build_network
 from pecgrasp.commands.plan import task_of
 
 ROOT = Path(__file__).parents[3]
@@ -95,11 +97,27 @@ def test_the_page_stands_by_itself_and_names_every_file(folder_run, outline) -> 
     assert not list(output.glob("*.tmp"))
 
 
+def untrained(folder: Path, name: str) -> Path:
+    """A checkpoint of a network for grasps with the weights that it begins with."""
+    config = NetworkConfig(name)
+    write_grasp_checkpoint(folder / name, GraspCheckpoint(build_network(config), config, epoch=0))
+    return folder / name
+
+
 @pytest.mark.parametrize("planner", sorted(path.stem for path in (ROOT / "conf" / "planner").glob("*.yaml")))
 def test_every_configured_planner_plans_a_file_and_leaves_a_page(planner: str, tmp_path: Path, outline) -> None:
-    models = [f"planner.models={tmp_path}"] if planner == "model" else []
     write_ply(tmp_path / "block.ply", block(0.05, 0.12, 0.06))
-    own = instantiate(configured(f"planner={planner}", *models).planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
+    files = {
+        "model": [f"planner.models={tmp_path}"],
+        "gpd": [f"planner.scores.directory={untrained(tmp_path, 'gpd')}"],
+        "pointnetgpd": [f"planner.scores.directory={untrained(tmp_path, 'pointnetgpd')}"],
+        "rerank": [f"planner.rerank.directory={untrained(tmp_path, 'pointnetgpd')}"],
+        "graspnet": [
+            f"planner.scores.directory={untrained(tmp_path, 'graspnet_evaluator')}",
+            f"planner.propose.sampler={untrained(tmp_path, 'graspnet_sampler')}",
+        ],
+    }.get(planner, [])
+    own = instantiate(configured(f"planner={planner}", *files).planner, _partial_=True)(gripper=ROBOTIQ_2F_140)
     name = """a<b>&"quoted' box.npy"""
     np.save(tmp_path / name, box())
     plan_files([tmp_path / name], task(planner=own), tmp_path / "out", say=lambda line: None)
