@@ -116,7 +116,8 @@ _make_worker: Callable[[], Worker[Any, Any]]
 
 def _start_process(make_worker: Callable[[], Worker[Any, Any]]) -> None:
     global _make_worker
-    signal.signal(signal.SIGINT, lambda *_: sys.exit(1))  # Ctrl-C reaches all: a job cleans up, nothing is printed
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as a shell's background jobs have it
+        signal.signal(signal.SIGINT, lambda *_: sys.exit(1))  # Ctrl-C reaches all: a job cleans up, nothing is printed
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _make_worker = make_worker
 

@@ -101,20 +101,29 @@ def test_a_killed_process_is_an_error_not_a_wait_for_ever(tmp_path):
         list(run_jobs(partial(Recorder, tmp_path), [0, 1000, 1, 2], 2))
 
 
-def test_ctrl_c_ends_all_processes_at_once_and_quietly(tmp_path):
+@pytest.mark.parametrize(
+    ("handler", "jobs", "printed"),
+    [
+        ("default_int_handler", "range(-600, -592)", "interrupted\n"),
+        ("SIG_IGN", "range(4)", "[0, 1, 2, 3]\n"),  # in the background of a shell
+    ],
+)
+def test_ctrl_c_ends_all_processes_at_once_and_quietly_unless_it_is_ignored(tmp_path, handler, jobs, printed):
     script = tmp_path / "long.py"
     script.write_text(
-        "import sys, time\n"
+        "import signal, sys, time\n"
         "from pathlib import Path\n"
         "from pecgrasp_env.common.render_pool import run_jobs\n"
         "class Sleeper:\n"
         "    def run(self, job):\n"
         "        Path(sys.argv[1], f'begun.{job}').touch()\n"
-        "        time.sleep(600)\n"
+        "        time.sleep(600 if job < 0 else 0.5)\n"
+        "        return job\n"
         "    def close(self): pass\n"
         "if __name__ == '__main__':\n"
+        f"    signal.signal(signal.SIGINT, signal.{handler})\n"
         "    try:\n"
-        "        list(run_jobs(Sleeper, range(8), 2))\n"
+        f"        print(sorted(run_jobs(Sleeper, {jobs}, 2)))\n"
         "    except KeyboardInterrupt:\n"
         "        print('interrupted')\n"
     )
@@ -132,5 +141,4 @@ def test_ctrl_c_ends_all_processes_at_once_and_quietly(tmp_path):
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = process.communicate(timeout=120)
-    assert out == "interrupted\n"
-    assert err == ""
+    assert (out, err) == (printed, "")
