@@ -19,6 +19,7 @@ _AROUND_M = 0.05
 _THICKEST_FLOOR_M = 0.015
 _NO_FLOOR_M = 0.002  # a table is measured better than that
 _LEAST_FLOOR = 50  # points
+_DOWN_M = 0.010  # above the table: what is seen so far down stands there
 
 
 def lying_on(objects: Sequence[SeenObject], lower: int) -> dict[int, float]:
@@ -44,6 +45,15 @@ def lying_on(objects: Sequence[SeenObject], lower: int) -> dict[int, float]:
         if over >= _LEAST_OVERLAP_M2:
             found[k] = min(1.0, over / ConvexHull(objects[lower].points[:, :2]).volume)
     return found
+
+
+def borne_by(objects: Sequence[SeenObject], lower: int, plane: np.ndarray | None) -> list[int]:
+    """Those that lie on objects[lower] and are not seen to reach down to the table (4,), or z = 0: what stands there or
+    leans stays behind by itself when the lower one is lifted.
+    """
+    normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
+    lowest = {k: float(np.quantile(objects[k].points @ normal + offset, 0.02)) for k in lying_on(objects, lower)}
+    return [k for k, height in lowest.items() if height > _DOWN_M]
 
 
 def stands_over(objects: Sequence[SeenObject], lower: int) -> np.ndarray | None:

@@ -19,7 +19,7 @@ from pecgrasp_env.motion.clearance import path_past
 from pecgrasp_env.motion.grasp_approach import Approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
-from pecgrasp_env.policy.crowd import lying_on
+from pecgrasp_env.policy.crowd import borne_by
 from pecgrasp_env.policy.grip_force import grip_force
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
@@ -210,7 +210,7 @@ class ScriptedPolicy:
                 objects = [] if pick.chosen is None else objects
                 continue
             approach, taken = pick.approach, objects[pick.chosen]
-            upon = [objects[k].points for k in lying_on(objects, pick.chosen)]
+            upon = [objects[k].points for k in borne_by(objects, pick.chosen, views[-1].plane)]
             others = [views[-1].obstacles, *(each.points for each in objects if each is not taken)]
             objects = []  # what is touched may move
             self.log.grasp = approach.grasp

@@ -12,7 +12,7 @@ from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.envs.task_state import air_below
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
-from pecgrasp_env.policy.crowd import floor_below, lying_on, uppermost_on, without_rim
+from pecgrasp_env.policy.crowd import borne_by, floor_below, lying_on, uppermost_on, without_rim
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.perception import View
 from pecgrasp_env.policy.pick_planner import PickPlanner
@@ -48,6 +48,15 @@ def test_an_object_lies_on_what_it_hides_the_middle_of_and_not_on_what_it_stands
     assert upon[1] == pytest.approx(1 / 3, abs=0.05)
     assert lying_on(objects, 1) == {}
     assert lying_on([seen(LOWER), seen(UPPER - [0, 0, 0.03])], 0) == {}  # between its parts, and no higher
+
+
+def test_what_is_seen_to_stand_on_the_table_is_not_borne_though_it_rises_over_the_outline():
+    column = np.concatenate([patch((0.44, 0.48), (0.02, 0.04), z) for z in np.arange(0.002, 0.06, 0.004)])
+    for plane, rise in ((None, 0.0), (np.array([0.0, 0.0, 1.0, -0.01]), 0.01)):
+        objects = [seen(each + np.array([0, 0, rise])) for each in (LOWER, column, UPPER)]
+        assert set(lying_on(objects, 0)) == {1, 2}
+        assert borne_by(objects, 0, plane) == [2]
+    assert borne_by([seen(LOWER), seen(BESIDE)], 0, None) == []
 
 
 def test_what_nothing_lies_on_is_taken_first():
