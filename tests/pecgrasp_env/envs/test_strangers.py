@@ -93,6 +93,7 @@ def test_the_known_objects_of_a_seed_are_those_without_strangers(among):
     alone.close()
 
 
+@pytest.mark.slow
 def test_without_a_folder_strangers_are_composed():
     environment = make(n_objects=2, n_strangers=2)
     environment.reset(seed=0)

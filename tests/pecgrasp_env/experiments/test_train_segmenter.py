@@ -82,6 +82,7 @@ def stop_after(most: int):
     return progress
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_four_times_leaves_the_same_and_repeats_nothing(frames, whole, tmp_path) -> None:
     examples = tmp_path / "examples"
     for stop, kept in (
@@ -104,6 +105,7 @@ def test_a_run_that_was_stopped_four_times_leaves_the_same_and_repeats_nothing(f
     assert not examples.exists()
 
 
+@pytest.mark.slow
 def test_a_share_that_is_gone_or_damaged_is_made_again(frames, whole, tmp_path) -> None:
     with pytest.raises(Stopped):
         train_segmenter([frames], tmp_path, progress=stop_after(25))

@@ -71,6 +71,7 @@ def test_the_tips_stay_at_one_height_while_the_hand_closes(env, labels):
     assert np.ptp(heights) < 0.0025
 
 
+@pytest.mark.slow
 def test_it_picks_one_of_five_that_lie_close(labels):
     """5 to 20 mm apart, seen by a D435: told apart by the table between them, held without a neighbour.
 

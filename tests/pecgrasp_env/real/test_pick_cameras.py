@@ -109,6 +109,7 @@ def test_a_realsense_looks_through_its_own_library(host, tmp_path, monkeypatch):
         software.close()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not HAS_REALSENSE, reason="pip install 'pecgrasp[realsense]' and libusb-1.0")
 def test_pictures_for_calibration_are_taken_while_the_arm_stands_and_give_the_cameras_place(
     host, tmp_path, monkeypatch, capsys
