@@ -17,7 +17,7 @@ from safetensors.torch import load_file, save_file
 
 from pec.errors import CheckpointError
 
-__all__ = ["TrainingState", "package_versions", "read_json", "read_tensors", "write_parts"]
+__all__ = ["TrainingState", "package_versions", "read_config", "read_json", "read_tensors", "write_parts"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,20 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise CheckpointError(f"{path} is not a checkpoint's: it holds a {type(content).__name__}")
     return content
+
+
+def read_config(directory: Path, kind: str, number: int, what: str) -> dict[str, Any]:
+    """The config.json of a checkpoint of a kind, whose format has a number; ``what`` it is of, in the message.
+
+    Raises CheckpointError where it is missing, broken, or of another kind or format.
+    """
+    config = read_json(directory / "config.json")
+    if config.get("kind") != kind or config.get("format") != number:
+        raise CheckpointError(
+            f"{directory} is no checkpoint of {what} of format {number}: config.json says "
+            f"kind {config.get('kind', 'classifier')!r}, format {config.get('format')!r}"
+        )
+    return config
 
 
 def read_tensors(path: Path) -> dict[str, torch.Tensor]:

@@ -8,7 +8,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["files_key", "first_difference", "flat_settings", "settings_key"]
+from pec.errors import ConfigError
+
+__all__ = ["check_same_run", "files_key", "first_difference", "flat_settings", "settings_key"]
 
 
 def flat_settings(settings: Mapping[str, Any], where: str = "") -> dict[str, Any]:
@@ -30,6 +32,19 @@ def first_difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str |
         if flat_before.get(name) != flat_now.get(name):
             return f"{name}={flat_before.get(name)!r}, not {flat_now.get(name)!r}"
     return None
+
+
+def check_same_run(
+    output: str, config: Mapping[str, Any], data: str, earlier: Mapping[str, Any], other_data: str
+) -> None:
+    """ConfigError where the run that is in ``output`` already, with its "config" and "data", had other settings than
+    ``config``, or other ``data``, which the message then calls ``other_data``.
+    """
+    difference = first_difference(earlier["config"], config)
+    if difference is None and earlier["data"] != data:
+        difference = other_data
+    if difference is not None:
+        raise ConfigError(f"output {output} holds a run with {difference}: choose another output, or delete it")
 
 
 def settings_key(*decisive: Any) -> str:

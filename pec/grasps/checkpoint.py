@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 
 from pec.checkpoint import TrainingState
 from pec.common.atomic_files import current_directory, replacing_directory
-from pec.common.checkpoint_files import package_versions, read_json, read_tensors, write_parts
+from pec.common.checkpoint_files import package_versions, read_config, read_tensors, write_parts
 from pec.common.settings import settings_as
 from pec.errors import CheckpointError, ConfigError
 from pec.grasps.network import GraspNetwork, NetworkConfig, build_network
@@ -53,12 +53,7 @@ def read_grasp_checkpoint(directory: str | os.PathLike[str]) -> GraspCheckpoint:
     Raises CheckpointError where it is missing, incomplete, of another kind or format, or weights and settings disagree.
     """
     directory = current_directory(directory)
-    config = read_json(directory / "config.json")
-    if config.get("kind") != KIND or config.get("format") != FORMAT:
-        raise CheckpointError(
-            f"{directory} is no checkpoint of `pecgrasp train-grasps` of format {FORMAT}: config.json says "
-            f"kind {config.get('kind', 'classifier')!r}, format {config.get('format')!r}"
-        )
+    config = read_config(directory, KIND, FORMAT, "`pecgrasp train-grasps`")
     try:
         settings = settings_as(NetworkConfig, config["network"])
         network = build_network(settings)

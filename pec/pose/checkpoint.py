@@ -14,7 +14,7 @@ from typing import Any
 
 from pec.checkpoint import TrainingState
 from pec.common.atomic_files import current_directory, replacing_directory
-from pec.common.checkpoint_files import package_versions, read_json, read_tensors, write_parts
+from pec.common.checkpoint_files import package_versions, read_config, read_tensors, write_parts
 from pec.common.settings import settings_as
 from pec.errors import CheckpointError, ConfigError, ModelsError
 from pec.pose.models import PoseModels, read_models, write_models
@@ -58,12 +58,7 @@ def read_pose_checkpoint(directory: str | os.PathLike[str]) -> PoseCheckpoint:
     Raises CheckpointError where it is missing, incomplete, of another kind or format, or its parts disagree.
     """
     directory = current_directory(directory)
-    config = read_json(directory / "config.json")
-    if config.get("kind") != KIND or config.get("format") != FORMAT:
-        raise CheckpointError(
-            f"{directory} is no checkpoint of a pose network of format {FORMAT}: config.json says "
-            f"kind {config.get('kind', 'classifier')!r}, format {config.get('format')!r}"
-        )
+    config = read_config(directory, KIND, FORMAT, "a pose network")
     try:
         models = read_models(directory / "models.safetensors")
         network = PoseNetwork(settings_as(NetworkConfig, config["network"]), len(models.names))

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from pec.checkpoint import TrainingState, read_training_state
 from pec.common.optimizer_state import adam_moments, adamw, restore_adam_moments
-from pec.common.run_identity import first_difference
-from pec.errors import ConfigError
+from pec.common.run_identity import check_same_run
 from pec.pose.checkpoint import PoseCheckpoint, read_pose_checkpoint, write_pose_checkpoint
 from pec.pose.config import PoseTrainConfig
 from pec.pose.models import PoseModels
 from pec.pose.network import PoseNetwork
 
-__all__ = ["PoseRunState", "check_same_run"]
+__all__ = ["OTHER_DATA", "PoseRunState"]
+
+OTHER_DATA = "other clouds or models"
+"""How an error calls data that are not those of the run in the output folder."""
 
 CURVES = ("train_loss", "validation_likeliest", "validation_nearest", "learning_rate")
 
@@ -70,17 +71,8 @@ class PoseRunState:
         state = read_training_state(self._output / "last")
         if state is None:
             return
-        check_same_run(self._config, self._data, state.progress)
+        check_same_run(self._config.output, self._config.decisive(), self._data, state.progress, OTHER_DATA)
         self.network.load_state_dict(read_pose_checkpoint(self._output / "last").network.state_dict())
         restore_adam_moments(self.network, self.optimizer, state.optimizer)
         self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
         self.best, self.history = state.progress["best"], state.progress["history"]
-
-
-def check_same_run(config: PoseTrainConfig, data: str, earlier: Mapping[str, Any]) -> None:
-    """ConfigError where `earlier`, with its "config" and "data", had other settings, or other clouds or models."""
-    difference = first_difference(earlier["config"], config.decisive())
-    if difference is None and earlier["data"] != data:
-        difference = "other clouds or models"
-    if difference is not None:
-        raise ConfigError(f"output {config.output} holds a run with {difference}: choose another output, or delete it")

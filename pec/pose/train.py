@@ -17,6 +17,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
+from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.errors import ConfigError
 from pec.pose.checkpoint import read_pose_checkpoint
@@ -26,7 +27,7 @@ from pec.pose.distance import PoseDistance
 from pec.pose.epoch import run_epoch
 from pec.pose.evaluation import evaluate, proposal_figures
 from pec.pose.models import PoseModels, read_models
-from pec.pose.run_state import PoseRunState, check_same_run
+from pec.pose.run_state import OTHER_DATA, PoseRunState
 from pec.training.epoch_bar import epoch_bar
 
 __all__ = ["train_pose"]
@@ -56,7 +57,7 @@ def train_pose(cfg: Mapping[str, Any]) -> dict[str, Any]:
         data = _load(config, read_models(config.models), device)
         if results_file.is_file():
             results: dict[str, Any] = json.loads(results_file.read_text())
-            check_same_run(config, data.version, results)
+            check_same_run(config.output, config.decisive(), data.version, results, OTHER_DATA)
             return results
         state = PoseRunState(config, data.models, data.version, device)
         _fit(config, state, data)

@@ -14,7 +14,7 @@ from torch import nn
 
 from pec.checkpoint import TrainingState
 from pec.common.atomic_files import current_directory, replacing_directory
-from pec.common.checkpoint_files import package_versions, read_json, read_tensors, write_parts
+from pec.common.checkpoint_files import package_versions, read_config, read_tensors, write_parts
 from pec.errors import CheckpointError, ConfigError
 from pec.networks.segmentation import SEGMENTATION
 
@@ -58,12 +58,7 @@ def read_point_checkpoint(directory: str | os.PathLike[str]) -> PointCheckpoint:
     Raises CheckpointError where it is missing, incomplete, of another kind or format, or its parts disagree.
     """
     directory = current_directory(directory)
-    config = read_json(directory / "config.json")
-    if config.get("kind") != KIND or config.get("format") != FORMAT:
-        raise CheckpointError(
-            f"{directory} is no checkpoint of point segmentation of format {FORMAT}: config.json says "
-            f"kind {config.get('kind', 'classifier')!r}, format {config.get('format')!r}"
-        )
+    config = read_config(directory, KIND, FORMAT, "point segmentation")
     try:
         name, n_points, classes = str(config["network"]), int(config["n_points"]), [str(c) for c in config["classes"]]
         network = SEGMENTATION[name](n_points, len(classes))

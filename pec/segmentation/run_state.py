@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from pec.checkpoint import TrainingState, read_training_state
 from pec.common.optimizer_state import adam_moments, adamw, restore_adam_moments
-from pec.common.run_identity import first_difference
-from pec.errors import ConfigError
+from pec.common.run_identity import check_same_run
 from pec.networks.segmentation import SEGMENTATION
 from pec.segmentation.checkpoint import PointCheckpoint, read_point_checkpoint, write_point_checkpoint
 from pec.segmentation.config import PointTrainConfig
 from pec.segmentation.scores import PointScores
 from pec.training.precision import Precision
 
-__all__ = ["PointRunState", "check_same_run"]
+__all__ = ["OTHER_DATA", "PointRunState"]
+
+OTHER_DATA = "other clouds"
+"""How an error calls data that are not those of the run in the output folder."""
 
 CURVES = ("loss_train", "accuracy_validation", "mean_iou_validation", "learning_rate")
 
@@ -75,18 +75,9 @@ class PointRunState:
         state = read_training_state(self._output / "last")
         if state is None:
             return
-        check_same_run(self._config, self._data, state.progress)
+        check_same_run(self._config.output, self._config.decisive(), self._data, state.progress, OTHER_DATA)
         self.network.load_state_dict(read_point_checkpoint(self._output / "last").network.state_dict())
         restore_adam_moments(self.network, self.optimizer, state.optimizer)
         self.epoch, self.seconds = state.progress["epoch"], state.progress["seconds"]
         self.best, self.history = state.progress["best"], state.progress["history"]
         self.precision = Precision(**state.progress["precision"])
-
-
-def check_same_run(config: PointTrainConfig, data: str, earlier: Mapping[str, Any]) -> None:
-    """ConfigError where `earlier`, with its "config" and "data", had other settings or other clouds."""
-    difference = first_difference(
-        {"settings": earlier["config"], "clouds": earlier["data"]}, {"settings": config.decisive(), "clouds": data}
-    )
-    if difference is not None:
-        raise ConfigError(f"output {config.output} holds a run with {difference}: choose another output, or delete it")

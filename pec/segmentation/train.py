@@ -21,6 +21,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
+from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.data.augment import Augment
 from pec.errors import DatasetError, TrainingError
@@ -30,7 +31,7 @@ from pec.networks.pec_segmentation import PECSegmentation
 from pec.segmentation.checkpoint import read_point_checkpoint
 from pec.segmentation.clouds import LabelledClouds, drawn, read_clouds
 from pec.segmentation.config import PointTrainConfig, read_point_config
-from pec.segmentation.run_state import PointRunState, check_same_run
+from pec.segmentation.run_state import OTHER_DATA, PointRunState
 from pec.segmentation.scores import confusion_of, scores
 from pec.training.costs import median_ms, multiply_adds
 from pec.training.epoch_bar import epoch_bar
@@ -61,7 +62,7 @@ def train_points(cfg: Mapping[str, Any]) -> dict[str, Any]:
     data = f"{clouds.version} {test.version if test else ''}"
     if results_file.is_file():
         results: dict[str, Any] = json.loads(results_file.read_text())
-        check_same_run(config, data, results)
+        check_same_run(config.output, config.decisive(), data, results, OTHER_DATA)
         return results
     splits = {"validation": clouds.part(val=True)} | ({"test": test} if test else {})
     training = clouds.part(val=False)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from pec.checkpoint import TrainingState, read_training_state
 from pec.common.optimizer_state import adam_moments, adamw, restore_adam_moments
-from pec.common.run_identity import first_difference
-from pec.errors import ConfigError
+from pec.common.run_identity import check_same_run
 from pec.grasps.checkpoint import GraspCheckpoint, read_grasp_checkpoint, write_grasp_checkpoint
 from pec.grasps.network import build_network
 from pec.grasps.training.config import GraspTrainConfig
 
-__all__ = ["GraspRunState", "check_same_run"]
+__all__ = ["OTHER_DATA", "GraspRunState"]
+
+OTHER_DATA = "other labels"
+"""How an error calls data that are not those of the run in the output folder."""
 
 CURVES = ("train_loss", "validation_loss", "learning_rate")
 
@@ -68,18 +68,9 @@ class GraspRunState:
         state = read_training_state(self._output / "last")
         if state is None:
             return
-        check_same_run(self._config, self._data, state.progress)
+        check_same_run(self._config.output, self._config.decisive(), self._data, state.progress, OTHER_DATA)
         self.network.load_state_dict(read_grasp_checkpoint(self._output / "last").network.state_dict())
         restore_adam_moments(self.network, self.optimizer, state.optimizer)
         progress = state.progress
         self.epoch, self.seconds, self.best = progress["epoch"], progress["seconds"], progress["best"]
         self.history = progress["history"]
-
-
-def check_same_run(config: GraspTrainConfig, data: str, earlier: Mapping[str, Any]) -> None:
-    """ConfigError where `earlier`, with its "config" and "data", had other settings, or other labels."""
-    difference = first_difference(earlier["config"], config.decisive())
-    if difference is None and earlier["data"] != data:
-        difference = "other labels"
-    if difference is not None:
-        raise ConfigError(f"output {config.output} holds a run with {difference}: choose another output, or delete it")

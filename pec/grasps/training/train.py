@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
+from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.errors import TrainingError
 from pec.grasps.checkpoint import read_grasp_checkpoint
@@ -27,7 +28,7 @@ from pec.grasps.networks.graspnet_sampler import GraspNetSampler
 from pec.grasps.training.config import GraspTrainConfig, read_grasp_config
 from pec.grasps.training.data import GraspTensors, Splits, load_splits
 from pec.grasps.training.figures import ranking_figures
-from pec.grasps.training.run_state import GraspRunState, check_same_run
+from pec.grasps.training.run_state import OTHER_DATA, GraspRunState
 from pec.grasps.training.sampled_grasps import coverage
 from pec.grasps.views import GraspViews
 from pec.training.schedule import warm_cosine
@@ -52,7 +53,7 @@ def train_grasps(cfg: Mapping[str, Any]) -> dict[str, Any]:
         data = load_splits(config.dataset, config.network, normals, config.seed).to(device)
         if results_file.is_file():
             results: dict[str, Any] = json.loads(results_file.read_text())
-            check_same_run(config, data.version, results)
+            check_same_run(config.output, config.decisive(), data.version, results, OTHER_DATA)
             return results
         state = GraspRunState(config, data.version, device)
         _fit(config, state, data)

@@ -116,9 +116,9 @@ def test_a_killed_run_ends_in_the_same_weights(settings, tmp_path, monkeypatch):
 def test_a_finished_run_is_not_repeated_and_another_is_refused(settings, file, tmp_path):
     first = train_points(settings)
     assert train_points(settings) == json.loads((Path(settings["output"]) / "results.json").read_text()) == first
-    with pytest.raises(ConfigError, match=r"holds a run with settings.seed=0, not 1"):
+    with pytest.raises(ConfigError, match=r"holds a run with seed=0, not 1"):
         train_points(settings | {"seed": 1})
-    with pytest.raises(ConfigError, match=r"holds a run with clouds="):
+    with pytest.raises(ConfigError, match=r"holds a run with other clouds"):
         train_points(settings | {"test": None})
 
 
