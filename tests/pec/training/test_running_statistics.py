@@ -48,6 +48,7 @@ def test_few_steps_on_few_clouds_are_evaluated_as_they_were_trained(shapes, tmp_
             "learning_rate": 0.005,
             "running_statistics": statistics,
             "made_strangers": 0.0,
+            "precision": "float32",  # auto is what is faster in that minute, and other weights
             "surface_forms": False,  # what the network alone says
         },
         "progress": False,
