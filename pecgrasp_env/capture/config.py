@@ -194,7 +194,6 @@ class CaptureConfig:
         noise = dict(sensor.get("noise") or {})
         if "patch_radius" in noise:
             noise["patch_radius"] = tuple(noise["patch_radius"])
-        faults = _FAULTS.get(sensor["mode"], D435Noise)
         resolution = sensor["resolution"]
         classes = objects["classes"]
         return cls(
@@ -212,7 +211,7 @@ class CaptureConfig:
             ),
             sensor=sensor["mode"],
             resolutions=(resolution,) if isinstance(resolution, str) else tuple(resolution),
-            noise=faults(**noise),
+            noise=_FAULTS[sensor["mode"]](**noise) if sensor["mode"] in _FAULTS else D435Noise(),
             **{
                 name: settings[name]
                 for name in (

@@ -64,7 +64,8 @@ def measure(
     config: CaptureConfig, depth: np.ndarray, intrinsics: CameraIntrinsics, rng: np.random.Generator
 ) -> np.ndarray:
     """What the configured D435 makes of an exact depth image (H, W), m."""
-    if isinstance(config.noise, D435Noise) and config.sensor == "d435":
+    if config.sensor == "d435":
+        assert isinstance(config.noise, D435Noise)
         return apply_d435(depth, intrinsics, rng, config.noise)
     return apply_ideal(depth, intrinsics)
 

@@ -27,7 +27,8 @@ def measured_table(config: CaptureConfig, exact: Table, camera: CameraIntrinsics
     if config.tabletop.losses:
         of_owner = np.concatenate([np.zeros(1, np.float32), draw_losses(len(exact.occlusion), rng)])
         lost = of_owner[exact.owner]
-    if isinstance(config.noise, StructuredLightNoise):
+    if config.sensor == "structured_light":
+        assert isinstance(config.noise, StructuredLightNoise)
         depth, source = apply_structured_light(exact.depth, camera, rng, config.noise, lost)
         return replace(exact, depth=depth, owner=exact.owner.reshape(-1)[source])
     depth = measure(config, exact.depth, camera, rng)

@@ -56,6 +56,10 @@ ROBOT = CaptureConfig(
                 tabletop=TabletopConfig(losses=True),
             ),
         ),
+        (
+            ["sensor=structured_light", "sensor.mode=ideal"],
+            replace(ROBOT, sensor="ideal", resolutions=("640x480",)),
+        ),
         (["dataset=ycb"], replace(LARS, objects=ObjectsConfig("ycb"))),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -311,6 +311,14 @@ def test_where_structured_light_moves_a_border_the_owner_goes_along():
     assert (table.owner != exact.owner)[seen].any()
 
 
+def test_an_ideal_sensor_keeps_the_table_whatever_noise_is_named():
+    config = replace(TABLE, sensor="ideal", noise=StructuredLightNoise())
+    exact = wall_with_squares(12)
+    table = measured_table(config, exact, D435["640x480"], np.random.default_rng(1))
+    np.testing.assert_array_equal(table.depth, exact.depth)
+    np.testing.assert_array_equal(table.owner, exact.owner)
+
+
 def test_clouds_of_a_camera_on_a_stand_with_structured_light(tmp_path):
     light = replace(
         TABLE,
