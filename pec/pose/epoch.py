@@ -6,13 +6,13 @@ import math
 
 import torch
 
-from pec.errors import TrainingError
 from pec.pose.clouds import PosedClouds, network_inputs
 from pec.pose.config import PoseProtocol, PoseTrainConfig
 from pec.pose.distance import PoseDistance
 from pec.pose.hypotheses import Hypotheses, hypotheses
 from pec.pose.network import PoseNetwork
 from pec.training.schedule import warm_cosine
+from pec.training.step import take_step
 
 __all__ = ["pose_loss", "run_epoch"]
 
@@ -38,20 +38,12 @@ def run_epoch(
     network.train()
     for step, index in enumerate(order.tensor_split(n_steps)):
         rate = warm_cosine(protocol.learning_rate, (epoch * n_steps + step) / (protocol.epochs * n_steps))
-        for group in optimizer.param_groups:
-            group["lr"] = rate
         model, truth = training.model[index], training.T_camera_object[index]
         points = network_inputs(training.points[index], config.augment, config.network.n_points, generator)
         turn = torch.rand(len(index), generator=generator).to(device)
         said = hypotheses(network, distance, points, model, turn)
         loss = pose_loss(said, distance(said.centre, said.rotation, truth, model), protocol)
-        value = loss.item()
-        if not math.isfinite(value):
-            raise TrainingError(f"the loss is {value} in epoch {epoch + 1}: learning rate {rate:g} is too high")
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        optimizer.step()
-        total += value * len(index)
+        total += take_step(optimizer, loss, rate, epoch) * len(index)
     return total / len(training), rate
 
 

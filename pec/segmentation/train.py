@@ -24,7 +24,7 @@ from pec.common.devices import device_named
 from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.data.augment import Augment
-from pec.errors import DatasetError, TrainingError
+from pec.errors import DatasetError
 from pec.networks.baselines import PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.networks.pec_segmentation import PECSegmentation
@@ -38,6 +38,7 @@ from pec.training.epoch_bar import epoch_bar
 from pec.training.precision import choose_precision
 from pec.training.running_statistics import without_their_start
 from pec.training.schedule import warm_cosine
+from pec.training.step import take_step
 
 __all__ = ["train_points"]
 
@@ -115,17 +116,9 @@ def _epoch(config: PointTrainConfig, state: PointRunState, training: LabelledClo
         # Batches of equal size: what is left over may be one cloud.
         for step, index in enumerate(order.tensor_split(n_steps)):
             rate = warm_cosine(protocol.learning_rate, (epoch * n_steps + step) / (protocol.epochs * n_steps))
-            for group in state.optimizer.param_groups:
-                group["lr"] = rate
             points, label = drawn(training, index, config.n_points, config.augment, generator)
             loss = _loss(state.network, points, label, state.precision.used)
-            value = loss.item()
-            if not math.isfinite(value):
-                raise TrainingError(f"the loss is {value} in epoch {epoch + 1}: learning rate {rate:g} is too high")
-            state.optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            state.optimizer.step()
-            total += value * len(index)
+            total += take_step(state.optimizer, loss, rate, epoch) * len(index)
     return total / len(training), rate
 
 

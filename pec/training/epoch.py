@@ -13,13 +13,13 @@ from torch import nn
 
 from pec.data.augment import augment
 from pec.data.tensor_dataset import PreparedClouds
-from pec.errors import TrainingError
 from pec.metrics.scores import score
 from pec.networks.baselines import Memorising, PointNet
 from pec.networks.initialise import scale_initial_weights
 from pec.training.config import ProtocolConfig, TrainConfig
 from pec.training.running_statistics import without_their_start
 from pec.training.schedule import warm_cosine
+from pec.training.step import take_step
 
 __all__ = ["EpochResult", "Epochs", "learning_rate", "log_class_shares", "memorise"]
 
@@ -87,18 +87,10 @@ class Epochs:
                 if len(index) == 1:
                     continue  # batch norm has no variance of one
                 rate = learning_rate(protocol, (epoch * self._n_steps + step) / (protocol.epochs * self._n_steps))
-                for group in optimizer.param_groups:
-                    group["lr"] = rate
                 labels = self._training.labels[index]
                 inputs = self._unchanging[index] if self._unchanging is not None else self._draw(index, generator)
                 logits, loss = self._loss(model, inputs, labels, precision)
-                value = loss.item()
-                if not math.isfinite(value):
-                    raise TrainingError(f"the loss is {value} in epoch {epoch + 1}: learning rate {rate:g} is too high")
-                optimizer.zero_grad(set_to_none=True)
-                loss.backward()
-                optimizer.step()
-                loss_sum += value * len(index)
+                loss_sum += take_step(optimizer, loss, rate, epoch) * len(index)
                 correct += int((logits.detach().argmax(dim=1) == labels).sum())
         return EpochResult(loss_sum / n, correct / n, rate)
 

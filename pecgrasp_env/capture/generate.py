@@ -27,7 +27,7 @@ from pec.data.splits import write_splits
 from pecgrasp_env.capture.config import CaptureConfig, CaptureError
 from pecgrasp_env.capture.resume import make_missing
 from pecgrasp_env.capture.shard_plan import ShardJob, allot, open_source
-from pecgrasp_env.capture.workers import Result, clouds, make_shards, prepare
+from pecgrasp_env.capture.workers import Result, check_words, clouds, make_shards, prepare
 from pecgrasp_env.common.job_share import JobShare
 
 __all__ = ["Generation", "generate"]
@@ -74,12 +74,9 @@ def generate(
     broken mesh), and DatasetError where `directory` holds another data set. After any of them, Ctrl-C or kill -9, the
     same call goes on where it stopped.
     """
-    if workers < 1:
-        raise CaptureError(f"workers must be at least 1, got {workers}")
+    check_words(workers, on_error)
     if frames_at_once is not None and frames_at_once < 1:
         raise CaptureError(f"frames_at_once must be at least 1, or null for what the machine has, got {frames_at_once}")
-    if on_error not in ("stop", "skip"):
-        raise CaptureError(f"on_error must be stop or skip, got {on_error!r}")
     directory = Path(directory)
     started = time.monotonic()
     source = open_source(config)

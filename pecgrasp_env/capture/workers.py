@@ -48,6 +48,14 @@ def clouds(config: CaptureConfig, frames_at_once: int | None) -> Kind[CloudSampl
     return Kind(partial(open_scenario, config, frames_at_once), write_shard, ".safetensors")
 
 
+def check_words(workers: int, on_error: str) -> None:
+    """Raises CaptureError where there are no workers, or it is neither to stop nor to skip."""
+    if workers < 1:
+        raise CaptureError(f"workers must be at least 1, got {workers}")
+    if on_error not in ("stop", "skip"):
+        raise CaptureError(f"on_error must be stop or skip, got {on_error!r}")
+
+
 def make_shards(
     kind: Kind[Sample], source: Source, directory: Path, jobs: list[ShardJob], workers: int, on_error: str = "stop"
 ) -> Generator[Result, None, None]:

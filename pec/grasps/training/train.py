@@ -6,7 +6,6 @@ On a CPU with the same number of threads an interrupted run ends in the same wei
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +20,6 @@ from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
 from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
-from pec.errors import TrainingError
 from pec.grasps.checkpoint import read_grasp_checkpoint
 from pec.grasps.network import GraspNetwork, build_network, multiply_adds
 from pec.grasps.networks.graspnet_sampler import GraspNetSampler
@@ -32,6 +30,7 @@ from pec.grasps.training.run_state import OTHER_DATA, GraspRunState
 from pec.grasps.training.sampled_grasps import coverage
 from pec.grasps.views import GraspViews
 from pec.training.schedule import warm_cosine
+from pec.training.step import take_step
 
 __all__ = ["train_grasps"]
 
@@ -95,16 +94,8 @@ def _run_epoch(config: GraspTrainConfig, state: GraspRunState, training: GraspTe
     network.train()
     for step, index in enumerate(order.tensor_split(n_steps)):
         rate = warm_cosine(protocol.learning_rate, (state.epoch * n_steps + step) / (protocol.epochs * n_steps))
-        for group in optimizer.param_groups:
-            group["lr"] = rate
         loss = _loss(network, training.drawn_views(index, config.augment), training.held[index])
-        value = loss.item()
-        if not math.isfinite(value):
-            raise TrainingError(f"the loss is {value} in epoch {state.epoch + 1}: learning rate {rate:g} is too high")
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        optimizer.step()
-        total += value * len(index)
+        total += take_step(optimizer, loss, rate, state.epoch) * len(index)
     return total / len(training), rate
 
 

@@ -13,12 +13,11 @@ from pathlib import Path
 
 from pec.data.shards import Manifest
 from pec.grasps.labels import write_grasp_shard
-from pecgrasp_env.capture.config import CaptureError
 from pecgrasp_env.capture.grasps.config import GraspsConfig
 from pecgrasp_env.capture.grasps.scenario import GraspScenario
 from pecgrasp_env.capture.resume import make_missing
 from pecgrasp_env.capture.shard_plan import ShardJob, allot, open_source
-from pecgrasp_env.capture.workers import Kind, Result, make_shards, prepare
+from pecgrasp_env.capture.workers import Kind, Result, check_words, make_shards, prepare
 from pecgrasp_env.common.job_share import JobShare
 
 __all__ = ["GraspsGeneration", "generate_grasps"]
@@ -61,10 +60,7 @@ def generate_grasps(
     broken mesh) and DatasetError where `directory` holds another data set. After any of them, Ctrl-C or kill -9, the
     same call goes on where it stopped.
     """
-    if workers < 1:
-        raise CaptureError(f"workers must be at least 1, got {workers}")
-    if on_error not in ("stop", "skip"):
-        raise CaptureError(f"on_error must be stop or skip, got {on_error!r}")
+    check_words(workers, on_error)
     directory = Path(directory)
     started, worked = time.monotonic(), _core_seconds()
     source = open_source(config.capture)

@@ -12,8 +12,8 @@ from grasping.pose.metrics import AUC_TO
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import points_over_axes
 from pecgrasp_env.common.html_report import report_page
-from pecgrasp_env.experiments.known_poses.run import RIGHT, VISIBLE
-from pecgrasp_env.experiments.known_poses.tables import FOUND, MEASURES, Row, in_words, share_in_words
+from pecgrasp_env.experiments.known_poses.run import VISIBLE
+from pecgrasp_env.experiments.known_poses.tables import FOUND, MEASURES, Row, in_words, is_right, share_in_words
 
 __all__ = ["render"]
 
@@ -82,15 +82,11 @@ def _known(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
     return [(row, thing) for row in rows if "kind" in row for thing in row["objects"] if thing["name"] is not None]
 
 
-def _is_right(thing: Row) -> bool:
-    return thing["off"] is not None and thing["off"] < RIGHT
-
-
 def _by_visible_share(rows: Sequence[Row]) -> list[list[str]]:
     table = []
     for low, high in itertools.pairwise(_BANDS):
         # The last band has what is whole.
-        own = [_is_right(t) for _, t in _known(rows) if low <= t["visible"] < high or t["visible"] == high == 1]
+        own = [is_right(t) for _, t in _known(rows) if low <= t["visible"] < high or t["visible"] == high == 1]
         if own:
             table.append(
                 [f"{100 * low:.0f}–{100 * high:.0f} %", f"{sum(own)} of {len(own)}", f"{100 * np.mean(own):.0f} %"]
@@ -103,7 +99,7 @@ def _misses(rows: Sequence[Row]) -> list[list[str]]:
     missed = [
         [row["case"], row["kind"], thing["name"], _percent(thing["visible"]), thing["given"] or "no pose", _far(thing)]
         for row, thing in _known(rows)
-        if thing["visible"] >= VISIBLE and not _is_right(thing)
+        if thing["visible"] >= VISIBLE and not is_right(thing)
     ]
     return missed + [
         [row["case"], row["kind"], "a stranger", _percent(thing["visible"]), thing["given"], "–"]

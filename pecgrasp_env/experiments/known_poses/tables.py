@@ -108,10 +108,10 @@ def frame_results(rows: Sequence[Row]) -> list[dict[str, Any]]:
                     "group": group,
                     "kind": kind or "all",
                     "frames": len(own),
-                    "found": _share([_right(o) for o in known]),
+                    "found": _share([is_right(o) for o in known]),
                     "found_or_left_open": _share([_below(o["off_open"], RIGHT) for o in known]),
                     "found_by_vsd": _share([_below(o["vsd"], VSD_LEAST) for o in known]),
-                    "two_of_a_kind_both": _share([all(map(_right, pair)) for pair in twins]),
+                    "two_of_a_kind_both": _share([all(map(is_right, pair)) for pair in twins]),
                     "stranger_given_a_pose": _share([o["given"] is not None for o in strangers]),
                     "wrong_model": _share([o["given"] not in (None, o["name"]) for o in known]),
                     "median_s": float(np.median([row["seconds"] for row in own])),
@@ -120,7 +120,8 @@ def frame_results(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return found
 
 
-def _right(thing: Row) -> bool:
+def is_right(thing: Row) -> bool:
+    """Whether an object of a frame has a pose whose MSSD is below `RIGHT`."""
     return _below(thing["off"], RIGHT)
 
 
