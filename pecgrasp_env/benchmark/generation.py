@@ -109,7 +109,7 @@ def _shares(config: CaptureConfig) -> dict[str, Timing]:
     with (
         _timed(DepthRenderer, "render_window", spent, _RASTERISER),
         _timed(free, "measure", spent, "sensor model"),
-        _timed(tabletop, "measure", spent, "sensor model"),
+        _timed(tabletop, "measured_table", spent, "sensor model"),
         _timed(tabletop, "segment_frame", spent, "segmentation"),
         _timed(tabletop, "arrange", spent, "layout of the table"),
         _timed(table, "background_depth", spent, "table and floor"),

@@ -16,6 +16,7 @@ from pecgrasp_env.real.calibration.variety import variety_of
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 _MOST_SHIFT, _MOST_TURN = 2e-4, np.deg2rad(0.02)  # of the hand while a picture is taken
+_PATIENCE = 10  # pictures: an arm that was just let go swings for a moment
 
 
 def record_views(
@@ -44,11 +45,13 @@ def record_views(
         raise CalibrationError(f"{folder} holds views already: name another folder, or take it away")
     views: list[RecordedView] = []
     while ask(f"picture {len(views) + 1}: bring the board into view, another turn than before, let go"):
-        before = pose()
-        image, intrinsics = take()
-        moved = np.linalg.inv(before) @ (after := pose())
-        turn = Rotation.from_matrix(moved[:3, :3]).magnitude()
-        if np.linalg.norm(moved[:3, 3]) > _MOST_SHIFT or turn > _MOST_TURN:
+        for _ in range(_PATIENCE):
+            before = pose()
+            image, intrinsics = take()
+            after = pose()
+            if stood := _stood(before, after):
+                break
+        if not stood:
             say("not kept: the arm still moved")
             continue
         found = find_corners(image, board)
@@ -59,6 +62,12 @@ def record_views(
         write_views(folder, intrinsics, views)
         say(f"kept: {len(found.numbers)} of {board.n_corners} corners{_lacking(views, parent)}")
     return len(views)
+
+
+def _stood(T_base_tool0_before: np.ndarray, T_base_tool0_after: np.ndarray) -> bool:
+    moved = np.linalg.inv(T_base_tool0_before) @ T_base_tool0_after
+    turn = Rotation.from_matrix(moved[:3, :3]).magnitude()
+    return bool(np.linalg.norm(moved[:3, 3]) <= _MOST_SHIFT and turn <= _MOST_TURN)
 
 
 def _lacking(views: list[RecordedView], parent: str) -> str:

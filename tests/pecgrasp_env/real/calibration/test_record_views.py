@@ -52,6 +52,21 @@ def test_pictures_at_rest_that_show_the_board_are_kept(tmp_path: Path):
         record_views(tmp_path / "views", BOARD, hand.picture, hand.pose, hand.go_on, said.append)
 
 
+def test_an_arm_that_swings_for_a_moment_is_waited_for(tmp_path: Path):
+    class Swinging(Hand):
+        def pose(self):
+            self.asked += 1
+            swing = 0.002 * 0.5**self.asked
+            return self.views[self.at].T_base_tool0 @ motion(swing, 0, 0, (0, 0, 0))
+
+    views, said = list(board_views(20, 1))[:1], []
+    hand = Swinging(views)
+    assert record_views(tmp_path / "views", BOARD, hand.picture, hand.pose, hand.go_on, said.append) == 1
+    assert [words.split(":")[0] for words in said] == ["kept"]
+    _, (kept,) = read_views(tmp_path / "views")
+    np.testing.assert_allclose(kept.T_base_tool0, views[0].T_base_tool0, atol=2e-4)
+
+
 def test_turns_about_one_axis_are_said_while_one_can_still_do_otherwise(tmp_path: Path):
     first = board_views(20, 1)[0]
     views = [type(first)("", first.image, first.T_base_tool0 @ motion(0, 0, 0, (0, 0, 20 * k))) for k in range(4)]
