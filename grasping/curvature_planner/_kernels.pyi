@@ -102,7 +102,7 @@ def rank(
     problems: NDArray[np.int64],
     /,
 ) -> tuple[int, int]:
-    """Fill `ranked` (21, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
+    """Fill `ranked` (22, 64), a column each, or `problems` (64,) where none holds; return the number of either."""
 
 def survey(
     object: NDArray[np.float64],

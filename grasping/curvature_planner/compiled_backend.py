@@ -39,9 +39,11 @@ from grasping.curvature_planner.scoring import (
     ALIKE_PLACE,
     ALIKE_TIP,
     ASSUMED,
+    DEEP_ENOUGH,
     NARROWEST,
     OVERLAP,
     REFINED,
+    SHALLOW,
     weights_of,
 )
 from grasping.curvature_planner.unseen_back import MOST_CELLS
@@ -49,7 +51,7 @@ from grasping.geometry.primitives import FLAT
 
 FloatArray = NDArray[np.float64]
 
-INTERFACE = 8  # as in csrc/module.c
+INTERFACE = 9  # as in csrc/module.c
 MOST_TRIED = 64  # likewise
 
 
@@ -147,7 +149,7 @@ class CompiledBackend:
     def rank(view: ApproachView, candidates: Candidates, rules: Rules) -> Ranked:
         """`ranking.rank`."""
         coarse = np.array([getattr(candidates, name) for name in Candidates.__dataclass_fields__], dtype=np.float64)
-        found, problems = np.empty((21, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
+        found, problems = np.empty((22, MOST_TRIED)), np.empty(MOST_TRIED, np.int64)
         seen = (view.sight.lenses, view.sight.depth, _NOTHING if view.measured is None else view.measured)
         count, refused = _KERNELS.rank(
             *(view.points, view.obstacles, *seen, np.ascontiguousarray(view.axes), *view.origin.tolist()),
@@ -155,7 +157,7 @@ class CompiledBackend:
         )
         heading, x, y, width, angle, contact, overlap, gap, area, empty, score, tip, whole, *rest = found[:, :count]
         contacts = Contacts(heading, x, y, tip, width, angle, contact, overlap, area, gap, empty > 0.0)
-        named = dict(zip(("angle", "overlap", "centre", "room", "narrow", "seen"), rest[:-2], strict=True))
+        named = dict(zip(("bite", "angle", "overlap", "centre", "room", "narrow", "seen"), rest[:-2], strict=True))
         terms = {"contact": contact, **named, "whole": whole, "opening": rest[-2], "assumed": rest[-1]} if count else {}
         return Ranked(contacts, terms, score, [PROBLEMS[index] for index in problems[:refused].tolist()])
 
@@ -176,7 +178,7 @@ def _numbers(rules: Rules) -> FloatArray:
     shares, depths = zip(*OVERLAP, strict=True)
     weights = weights_of(rules.weight_of_centre)
     coarse = weights_of(rules.coarse_weight_of_centre)
-    sums = [sum(coarse[name] for name in list(coarse)[1:]), sum(weights.values())]
+    sums = [sum(coarse[name] for name in list(coarse)[2:]), sum(weights.values())]
     return np.array(
         [
             *(rules.pad_width, rules.stroke, rules.finger_thickness),
@@ -188,6 +190,7 @@ def _numbers(rules: Rules) -> FloatArray:
             *(REFINED, ALIKE_PLACE, ALIKE_HEADING, ALIKE_TIP),
             *(PLACE, HEADING, WIDTH, SAME_PLACE, SAME_HEADING, SAG, SLIDE),
             *(SLID, CENTRED, CANDIDATES),
+            *(SHALLOW, DEEP_ENOUGH - SHALLOW),
             *depths,
             *shares,
             *sums,

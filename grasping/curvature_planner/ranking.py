@@ -18,6 +18,7 @@ from grasping.curvature_planner.scoring import (
     FAR_FROM_CENTRE,
     WEIGHTS,
     best_unlike,
+    bite_term,
     centre_term,
     clip,
     narrow_term,
@@ -176,7 +177,7 @@ def _against(contacts: Contacts, rules: Rules) -> list[NDArray[np.bool_]]:
 
 
 def _coarse_score(view: ApproachView, candidates: Candidates, rules: Rules) -> FloatArray:
-    # A slope only costs here and does not exclude.
+    # A slope only costs here and does not exclude, and of what is deep enough not all may hold when looked at closely.
     score = weigh(
         {
             "angle": clip(1.0 - candidates.angle / (rules.steepest + BLUR)),
@@ -197,6 +198,7 @@ def _terms(view: ApproachView, contacts: Contacts, whole: FloatArray, rules: Rul
     clear = np.minimum(np.maximum(contacts.gap - rules.finger_thickness, 0.0), MOST_CLEARANCE)
     return {
         "contact": contacts.contact,
+        "bite": bite_term(contacts.overlap),
         "angle": clip((rules.steepest - contacts.angle) / (rules.steepest - rules.parallel)),
         "overlap": overlap_term(contacts.overlap),
         "centre": centre_term(contacts.x, contacts.y, view.centre, rules.far_from_centre),

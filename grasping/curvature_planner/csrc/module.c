@@ -3,7 +3,7 @@
 #include "planner.h"
 
 /* Raised whenever a function here takes or returns something else; compiled_backend.py names the one that it knows. */
-#define INTERFACE 8
+#define INTERFACE 9
 
 /* A contiguous array of `ndim` dimensions, the first of this length unless that is −1; NULL with an error if not. */
 static Py_buffer *array(Arrays *arrays, PyObject *from, const char *name, const char *formats, int ndim,

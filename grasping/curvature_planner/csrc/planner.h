@@ -157,14 +157,15 @@ typedef struct {
     double refined, alike_place, alike_heading, alike_tip;                  /* scoring.best_unlike */
     double place, heading, width, same_place, same_heading, sag, slide;     /* grasp_clusters.cluster */
     double slid, centred, candidates;
+    double bite, bite_span;                                                 /* scoring.bite_term */
     double shallow, deep, deepest, shallow_share, deep_share, deepest_share; /* scoring.overlap_term */
     double coarse_total, total;                                             /* sums of weights */
     double w_coarse_centre;
-    double w_contact, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole, w_seen;
+    double w_contact, w_bite, w_angle, w_overlap, w_centre, w_room, w_narrow, w_whole, w_seen;
 } Rules;
 
 enum {
-    RANKED_SCORE = CONTACT_TERMS, RANKED_TIP, RANKED_WHOLE, RANKED_ANGLE, RANKED_OVERLAP, RANKED_CENTRE, RANKED_ROOM,
+    RANKED_SCORE = CONTACT_TERMS, RANKED_TIP, RANKED_WHOLE, RANKED_BITE, RANKED_ANGLE, RANKED_OVERLAP, RANKED_CENTRE, RANKED_ROOM,
     RANKED_NARROW, RANKED_SEEN, RANKED_OPENING, RANKED_ASSUMED, RANKED_TERMS
 };
 #define MOST_TRIED 64

@@ -162,6 +162,7 @@ static void judge(const Scene *scene, Tried *hold)
     double clear = gap - rules->finger_thickness > 0.0 ? gap - rules->finger_thickness : 0.0;
     clear = clear < rules->most_clearance ? clear : rules->most_clearance;
     const double opening = width + 2.0 * clear;
+    of[RANKED_BITE] = clip((overlap - rules->bite) / rules->bite_span);
     of[RANKED_ANGLE] = clip((rules->steepest - angle) / (rules->steepest - rules->parallel));
     of[RANKED_OVERLAP] = overlap_term(rules, overlap);
     of[RANKED_CENTRE] = centre_term(scene, of[CONTACT_X], of[CONTACT_Y]);
@@ -172,6 +173,7 @@ static void judge(const Scene *scene, Tried *hold)
     of[RANKED_OPENING] = opening < rules->stroke ? opening : rules->stroke;
     double score = 0.0;
     score += rules->w_contact * of[CONTACT_SHARE];
+    score += rules->w_bite * of[RANKED_BITE];
     score += rules->w_angle * of[RANKED_ANGLE];
     score += rules->w_overlap * of[RANKED_OVERLAP];
     score += rules->w_centre * of[RANKED_CENTRE];

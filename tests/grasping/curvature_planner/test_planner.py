@@ -45,6 +45,22 @@ def test_a_flat_object_is_held_with_the_tips_just_above_the_table(height: float,
     assert grasp.terms["tip_height"] == pytest.approx(clear)
 
 
+def test_a_deep_hold_beside_the_centre_is_better_than_a_shallow_one_at_it() -> None:
+    """A low bar with a high block on either end: at its middle the pads reach 9.6 mm deep, at the blocks far more."""
+    blocks = [moved(box_top(0.04, 0.03, 0.04), x=side * 0.08) for side in (-1.0, 1.0)]
+    bar = np.vstack([box_top(0.12, 0.03, 0.012), *blocks])
+    grasp = best(CurvaturePlanner().plan(bar, up=UP, table=TABLE))
+    assert abs(grasp.pose[0, 3]) > 0.05
+    assert grasp.terms["bite"] == 1.0
+
+
+def test_where_nothing_is_deep_the_middle_is_held_as_deep_as_may_be() -> None:
+    grasp = best(CurvaturePlanner().plan(box_top(0.16, 0.03, 0.010), up=UP, table=TABLE))
+    assert grasp.terms["bite"] == 0.0
+    assert tips(grasp.pose)[2] == pytest.approx(0.002, abs=1e-9)
+    assert abs(grasp.pose[0, 3]) < 0.012
+
+
 @pytest.mark.parametrize("cloud", [box_top(0.16, 0.03, 0.012), box_top(0.15, 0.11, 0.04), standing_can(0.045, 0.06)])
 def test_tips_that_advance_while_they_close_come_down_to_their_height_above_the_table_and_no_lower(
     cloud: np.ndarray,
@@ -205,7 +221,7 @@ def test_every_candidate_explains_itself_and_the_best_comes_first() -> None:
     assert plan.best is plan.candidates[0]
     for grasp in plan.candidates:
         assert 0.0 <= grasp.score <= 1.0
-        for term in ("contact", "angle", "overlap", "centre", "room", "narrow", "whole"):
+        for term in ("contact", "bite", "angle", "overlap", "centre", "room", "narrow", "whole"):
             assert 0.0 <= grasp.terms[term] <= 1.0
         assert grasp.width <= grasp.terms["opening"] <= ROBOTIQ_2F_140.stroke
         assert grasp.region is None or grasp.region < len(plan.regions)
