@@ -69,3 +69,13 @@ def look(
     /,
 ) -> None:
     """Add to sums (H, 4)."""
+
+def normals(
+    points: NDArray[np.float64],
+    places: NDArray[np.float64],
+    axis: int,
+    neighbours: int,
+    normals: NDArray[np.float64],
+    /,
+) -> None:
+    """Fill normals (M, 3) at places (M, 3); points (N, 3) in the order of the coordinate `axis`."""

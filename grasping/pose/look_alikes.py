@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from grasping.pose.alignment import align, partners
 from grasping.pose.hypotheses import SAME_PLACE, joined, propose
+from grasping.pose.metrics import mssd
 from grasping.pose.object_model import ObjectModel
 from grasping.pose.point_pairs import PairTable
 from grasping.pose.surface_grid import SurfaceGrid
@@ -25,6 +25,7 @@ VOTED = 400  # motions that are looked at
 MOST = 40  # that are kept
 EVERY = 5  # points of the model for one that is compared
 STEPS = 6
+STEP = 0.05  # of the diameter: the steps about an axis of symmetry in which a motion is told from it
 
 
 def look_alikes(model: ObjectModel, grid: SurfaceGrid, table: PairTable, corners: FloatArray) -> FloatArray:
@@ -44,7 +45,6 @@ def look_alikes(model: ObjectModel, grid: SurfaceGrid, table: PairTable, corners
     if not len(order):
         return np.empty((0, 4, 4))
     T, _ = joined(T[order], np.round(1e3 * alike[order]).astype(np.int64), corners, SAME_PLACE * model.diameter, VOTED)
-    tree = cKDTree(model.points)
-    moved = points @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-    differs = tree.query(moved)[0].max(axis=1) > SAME_PLACE * model.diameter
-    return T[differs][:MOST]
+    own = np.eye(4)
+    differs = [mssd(points, each, own, model.symmetry, step=STEP) > SAME_PLACE * model.diameter for each in T]
+    return T[np.array(differs)][:MOST]

@@ -45,26 +45,34 @@ def auc(errors: ArrayLike, to: float = AUC_TO) -> float:
     return float(np.clip(1 - values / to, 0, 1).mean())
 
 
-def mssd(points: FloatArray, T_estimated: FloatArray, T_true: FloatArray, symmetry: Symmetry) -> float:
+def mssd(
+    points: FloatArray,
+    T_estimated: FloatArray,
+    T_true: FloatArray,
+    symmetry: Symmetry,
+    step: float = SYMMETRY_STEP,
+) -> float:
     """Greatest distance, m, of a surface point at the two poses, at the best of the model's symmetric poses.
 
-    Any angle about an axis is tried in steps that move no point by more than a hundredth of the diameter, as BOP does.
+    Any angle about an axis is tried in steps that move no point by more than a share of the diameter, `step`, as BOP
+    does.
     """
     if symmetry.ball is not None:
         at = np.append(symmetry.ball, 1.0)
         return float(np.linalg.norm((T_estimated - T_true) @ at))
     estimated = _at(points, T_estimated)
-    step = math.radians(6)
+    angle = math.radians(6)
     if symmetry.axis is not None:
         point, direction = symmetry.axis
         off = points - point
         radius = float(np.linalg.norm(off - (off @ direction)[:, None] * direction, axis=1).max())
         extent = float(np.linalg.norm(np.ptp(points, axis=0)))
-        step = SYMMETRY_STEP * extent / max(radius, 1e-9)
-    return min(
-        float(np.linalg.norm(estimated - _at(points, T_true @ turn), axis=1).max())
-        for turn in symmetry.transforms(step)
-    )
+        angle = step * extent / max(radius, 1e-9)
+    turned = T_true @ symmetry.transforms(angle)
+    squared = np.zeros((len(turned), len(points)))
+    for i in range(3):
+        squared += (turned[:, i, :3] @ points.T + turned[:, i, 3, None] - estimated[:, i]) ** 2
+    return float(np.sqrt(squared.max(axis=1).min()))
 
 
 def vsd(

@@ -212,7 +212,10 @@ class PoseEstimator:
     def _pose(self, best: Judged, tried: Sequence[Judged], indices: IntArray) -> ObjectPose:
         prepared = best.prepared
         as_good = best.T[1:][best.score[1:] >= AS_GOOD * best.score[0]]
-        others = [T for T in as_good if differ(prepared, best.T[0], T)]
+        others: list[FloatArray] = []
+        for T in as_good:
+            if all(differ(prepared.model, known, T) for known in (best.T[0], *others)):
+                others.append(T)
         models = tuple(
             each.prepared.model.name for each in tried if each is not best and each.score[0] >= AS_GOOD * best.score[0]
         )

@@ -3,7 +3,7 @@
 #include "pose.h"
 
 /* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
-#define INTERFACE 2
+#define INTERFACE 3
 
 #define INT32 "il"
 
@@ -213,11 +213,41 @@ static PyObject *look(PyObject *self, PyObject *arguments)
     return answer;
 }
 
+static PyObject *find_normals(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *points, *places, *normals, *answer = NULL;
+    int axis, neighbours;
+    if (!PyArg_ParseTuple(arguments, "OOiiO", &points, &places, &axis, &neighbours, &normals))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_ssize_t count = -1, asked = -1;
+    const double *of, *at;
+    Py_buffer *out;
+    if ((of = triples(&arrays, points, "points", &count)) && (at = triples(&arrays, places, "places", &asked)) &&
+        (out = array_argument(&arrays, normals, "normals", "d", 2, 0, asked, 1))) {
+        if (out->shape[1] != 3) {
+            PyErr_SetString(PyExc_ValueError, "normals: another shape is needed");
+        } else if (axis < 0 || axis > 2 || neighbours < 1 || neighbours > count) {
+            PyErr_SetString(PyExc_ValueError, "axis, neighbours: out of range");
+        } else {
+            int code;
+            Py_BEGIN_ALLOW_THREADS
+            code = fit_normals(of, count, at, asked, axis, neighbours, out->buf);
+            Py_END_ALLOW_THREADS
+            answer = code ? failure(code) : Py_NewRef(Py_None);
+        }
+    }
+    release(&arrays);
+    return answer;
+}
+
 static PyMethodDef methods[] = {
     {"vote", vote, METH_VARARGS, "See voting.vote: fills `found`."},
     {"align", align, METH_VARARGS, "See alignment.align: changes `poses`."},
     {"partners", pair_up, METH_VARARGS, "See alignment.partners: fills `partner` and `place`."},
     {"look", look, METH_VARARGS, "See sight_check.look: adds to `sums`."},
+    {"normals", find_normals, METH_VARARGS, "See scene_surface.normals_at: fills `normals`."},
     {NULL, NULL, 0, NULL},
 };
 

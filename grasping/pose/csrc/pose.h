@@ -50,6 +50,11 @@ int check_grid(const Grid *grid);
 /* The partner of a scene's point with its normal at a pose, or −1; place: the point in the object frame. */
 ptrdiff_t find_partner(const Grid *grid, const double *point, const double *normal, const double *T, double *place);
 
+/* Fills normals (asked × 3), of either sign, of the planes through the `neighbours` points, at most `count`,
+ * that are nearest to each place. points: (count × 3) in the order of one coordinate, `axis`. */
+int fit_normals(const double *points, ptrdiff_t count, const double *places, ptrdiff_t asked, ptrdiff_t axis,
+                ptrdiff_t neighbours, double *normals);
+
 /* One step a gate of each of `poses` poses T. */
 void align_poses(const Grid *grid, const double *points, const double *normals, ptrdiff_t count, const double *gates,
                  ptrdiff_t steps, double *T, ptrdiff_t poses);

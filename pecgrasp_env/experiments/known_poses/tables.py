@@ -39,6 +39,7 @@ FOUND = (
     "found_or_left_open",
     "found_by_vsd",
     "two_of_a_kind_both",
+    "two_of_a_kind_both_or_left_open",
     "stranger_given_a_pose",
     "wrong_model",
 )
@@ -109,9 +110,10 @@ def frame_results(rows: Sequence[Row]) -> list[dict[str, Any]]:
                     "kind": kind or "all",
                     "frames": len(own),
                     "found": _share([is_right(o) for o in known]),
-                    "found_or_left_open": _share([_below(o["off_open"], RIGHT) for o in known]),
+                    "found_or_left_open": _share([is_left_open(o) for o in known]),
                     "found_by_vsd": _share([_below(o["vsd"], VSD_LEAST) for o in known]),
                     "two_of_a_kind_both": _share([all(map(is_right, pair)) for pair in twins]),
+                    "two_of_a_kind_both_or_left_open": _share([all(map(is_left_open, pair)) for pair in twins]),
                     "stranger_given_a_pose": _share([o["given"] is not None for o in strangers]),
                     "wrong_model": _share([o["given"] not in (None, o["name"]) for o in known]),
                     "median_s": float(np.median([row["seconds"] for row in own])),
@@ -123,6 +125,11 @@ def frame_results(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def is_right(thing: Row) -> bool:
     """Whether an object of a frame has a pose whose MSSD is below `RIGHT`."""
     return _below(thing["off"], RIGHT)
+
+
+def is_left_open(thing: Row) -> bool:
+    """Whether an object of a frame is where its pose, or one of those that this leaves open, has it."""
+    return _below(thing["off_open"], RIGHT)
 
 
 def _below(error: float | None, most: float) -> bool:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from seen_stones import cut_out, model_of, pose
 
-from grasping.pose.acceptance import AMONG, NAMED, refusal, shared_residual
+from grasping.pose.acceptance import AMONG, NAMED, differ, refusal, shared_residual
 from grasping.pose.candidates import Judged, Sought, judge, tolerance_at
 from grasping.pose.prepared_model import PreparedModel
 from grasping.pose.scene_surface import seen_surface
@@ -69,3 +70,11 @@ def test_what_stands_before_the_measured_is_refused(side) -> None:
     one = judge(PreparedModel(model_of("can")), sought, CAN[None])
     assert one.clear[0] > NAMED.clear
     assert "in front of what was seen" in refusal(one, sought, NAMED)
+
+
+def test_a_turn_onto_itself_is_no_other_pose_and_a_tilt_is() -> None:
+    can = model_of("can")
+    for degrees, axis, other in ((37, "z", False), (180, "x", False), (37, "x", True), (90, "y", True)):
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+        assert differ(can, CAN, CAN @ T) == other, (degrees, axis)

@@ -22,10 +22,14 @@ def block(size: tuple[float, float, float], at: tuple[float, float, float]) -> t
     return corners, np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))], np.int32)
 
 
-@pytest.fixture(scope="module")
-def knob() -> ObjectModel:
-    """A square block with a knob that stands on one end, towards a corner: no symmetry."""
-    (v, f), (w, g) = block((0.08, 0.08, 0.12), (0, 0, 0)), block((0.02, 0.02, 0.02), (0.025, 0.01, 0.07))
+@pytest.fixture(scope="module", params=[0.02, 0.012], ids=["knob", "small knob"])
+def knob(request: pytest.FixtureRequest) -> ObjectModel:
+    """A square block with a knob that stands on one end, towards a corner: no symmetry.
+
+    The small one is lower than a tenth of the diameter: nearly all of the surface lies in place after a turn.
+    """
+    high = request.param
+    (v, f), (w, g) = block((0.08, 0.08, 0.12), (0, 0, 0)), block((0.02, 0.02, high), (0.025, 0.01, 0.06 + high / 2))
     return object_model(np.concatenate([v, w]), np.concatenate([f, g + 8]), "knob", allow_open=True)
 
 
@@ -38,12 +42,11 @@ def test_much_of_a_model_lies_on_itself_in_poses_that_are_no_symmetries(knob: Ob
         assert min(each.max() for each in off) < 0.05 * knob.diameter
     for T in prepared.look_alikes:
         moved = knob.points @ T[:3, :3].T + T[:3, 3]
-        gap = prepared.tree.query(moved)[0] / knob.diameter
-        assert gap.max() > 0.09
-        assert (gap < 0.035).mean() > 0.55
+        assert mssd(knob.points, T, np.eye(4), knob.symmetry) > 0.09 * knob.diameter
+        assert (prepared.tree.query(moved)[0] < 0.035 * knob.diameter).mean() > 0.55
 
 
-@pytest.mark.parametrize("shape", ["can", "pebble", "long back"])
+@pytest.mark.parametrize("shape", ["can", "pebble"])
 def test_a_symmetry_is_no_other_pose_and_some_shapes_have_none(shape: str) -> None:
     assert PreparedModel(model_of(shape)).look_alikes.shape == (0, 4, 4)
 

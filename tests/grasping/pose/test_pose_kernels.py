@@ -14,7 +14,7 @@ from grasping.pose import kernels
 from grasping.pose.alignment import align, partners
 from grasping.pose.point_pairs import CELLS, FINE, TURNS, PairTable, pairs_of
 from grasping.pose.prepared_model import PreparedModel
-from grasping.pose.scene_surface import seen_surface, thinner
+from grasping.pose.scene_surface import normals_at, seen_surface, thinner
 from grasping.pose.sight_check import CLEAR, HIDDEN, SEEN, UNKNOWN, look
 from grasping.pose.view import View
 from grasping.pose.voting import vote
@@ -40,12 +40,15 @@ def cases() -> dict[str, Callable[[], np.ndarray]]:
     points, normals = seen_surface(cloud, EYE, 0.008)
     sample = thinner(points, normals, prepared.sampled)
     pairs = pairs_of(*sample, np.arange(len(sample[0])), prepared.table.step, model.diameter)
+    lattice = np.stack(np.meshgrid(*[np.arange(12) * 0.0025] * 3), axis=-1).reshape(-1, 3)
     view, poses = View.of(cloud, EYE), np.concatenate([near(T, 5), near(T, 2, 2.0, 0.3)])
     return {
         "vote": lambda: vote(prepared.table, pairs, len(sample[0]), 3),
         "align": lambda: align(prepared.grid, points, normals, poses, np.array([0.03, 0.02, 0.01])),
         "partners": lambda: partners(prepared.grid, points, normals, poses)[0],
         "places": lambda: partners(prepared.grid, points, normals, poses)[1],
+        "normals": lambda: normals_at(points, cloud, 12),
+        "normals of a lattice": lambda: normals_at(lattice[::5], lattice, 12),  # many neighbours are equally near
         "look": lambda: look(view, model.points, model.normals, prepared.spacing, model.diameter, poses, 0.003),
     }
 
@@ -83,6 +86,25 @@ def test_a_model_is_seen_where_it_is_and_stands_before_hides_behind_or_lies_besi
     assert sums[0, SEEN] > 0.95 * sums[0].sum()
 
 
+def test_normals_of_a_ball_point_to_the_eye_and_away_from_its_middle() -> None:
+    directions = np.random.default_rng(0).normal(size=(20000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    middle = np.array([0.1, 0.0, 0.5])
+    seen = middle + 0.05 * directions[directions @ middle < -0.1]
+    points, normals = seen_surface(seen, EYE, 0.005)
+    outward = (points - middle) / np.linalg.norm(points - middle, axis=1)[:, None]
+    assert np.median(np.einsum("ij,ij->i", normals, outward)) > 0.995
+    assert (np.einsum("ij,ij->i", normals, points) < 0).all()
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+
+
+@needs_kernels
+def test_points_in_no_order_are_refused() -> None:
+    unordered = np.array([[1.0, 0, 0], [np.nan, 0, 0], [0, 0, 0]])
+    with pytest.raises(ValueError, match="out of the array"):
+        compiled.normals(unordered, np.zeros((1, 3)), 0, 3, np.zeros((1, 3)))
+
+
 def test_pairs_keep_their_bins_when_the_points_are_moved() -> None:
     points, normals = thinner(model_of("stone").points, model_of("stone").normals, 0.02)
     T = pose(3, (4.0, -2.0, 1.0))
@@ -112,6 +134,7 @@ def arguments() -> dict[str, list[Any]]:
         "vote": [i(CELLS + 1), i(4), i(4), i(3), np.zeros((3, 4)), i(3), 2, 30, 8, i(1, 2, 3)],
         "align": [*grid, *cloud, np.ones(2), one.copy()],
         "partners": [*grid, *cloud, one, i(1, 3), np.zeros((1, 3, 3))],
+        "normals": [np.zeros((3, 3)), np.zeros((2, 3)), 0, 2, np.zeros((2, 3))],
         "look": [np.ones((2, 2)), np.ones((2, 2)), 0.0, 0.0, 0.1, *cloud, one, 0.01, 0.01, np.zeros((1, 4))],
     }
 

@@ -126,6 +126,7 @@ def test_frames_count_the_known_the_twins_and_the_strangers():
     assert (result["found"]["count"], result["found"]["n"]) == (1, 3)
     assert (result["found_or_left_open"]["count"], result["found_by_vsd"]["count"]) == (2, 2)
     assert (result["two_of_a_kind_both"]["count"], result["two_of_a_kind_both"]["n"]) == (0, 1)
+    assert result["two_of_a_kind_both_or_left_open"]["count"] == 1
     assert (result["stranger_given_a_pose"]["count"], result["stranger_given_a_pose"]["n"]) == (1, 2)
     assert (result["wrong_model"]["count"], result["wrong_model"]["n"]) == (1, 3)
     assert "1 of 2, 50 %" in table([], [result])
