@@ -49,6 +49,7 @@ def test_example(name):
     assert re.search(SAYS[name], run(name))
 
 
+@pytest.mark.slow
 def test_own_network(tmp_path):
     runpy.run_path(str(EXAMPLES / "03_classify.py"))["write_clouds"](tmp_path / "clouds")
     said = run("09_own_network", str(tmp_path / "clouds"), str(tmp_path / "tiny"))

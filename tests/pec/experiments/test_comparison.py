@@ -136,6 +136,7 @@ def test_runs_know_their_data_wherever_they_lie(runs, shapes, tmp_path):
         compare_classifiers([])
 
 
+@pytest.mark.slow
 def test_script_prints_the_table_and_leaves_the_numbers(runs, tmp_path):
     command = [sys.executable, str(ROOT / "scripts" / "compare_classifiers.py"), f"output={tmp_path}", "progress=false"]
     done = subprocess.run(

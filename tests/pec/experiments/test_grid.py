@@ -179,29 +179,25 @@ def test_table_of_another_code_is_empty(grid, tmp_path):
     assert "pec" not in write_table(folder, "A title", []).replace("A title", "").splitlines()[4]
 
 
-@pytest.fixture(scope="module")
-def launched(tmp_path_factory):
-    return tmp_path_factory.mktemp("launched")
+def test_hydra_launches_the_grid(tmp_path, shapes):
+    launch(tmp_path, shapes, "basic", "0,1")
 
 
-# In this order: each finds the cells of those before done.
-@pytest.mark.parametrize(
-    ("launcher", "seeds", "options"),
-    [
-        ("basic", "0,1", []),
-        ("joblib", "1,2", ["hydra.launcher.n_jobs=2"]),
-        ("submitit_local", "2,3", []),
-    ],
-)
-def test_hydra_launches_the_grid(launcher, seeds, options, launched, shapes):
-    if launcher != "basic":
-        pytest.importorskip("hydra_plugins.hydra_" + launcher.split("_")[0] + "_launcher")
-    folder = launched / "outputs/ablate/table_4_2"  # where the command puts it that says nothing of it
+@pytest.mark.slow
+def test_jobs_find_the_cells_of_those_before_done(tmp_path, shapes):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
+    launch(tmp_path, shapes, "joblib", "0,1", "hydra.launcher.n_jobs=2")
+    launch(tmp_path, shapes, "submitit_local", "1,2")
+
+
+def launch(place, shapes, launcher, seeds, *options):
+    folder = place / "outputs/ablate/table_4_2"  # where the command puts it that says nothing of it
     before = {path: path.stat().st_mtime_ns for path in folder.glob("cells/*/last/model.safetensors")}
     command = [sys.executable, str(ROOT / "scripts" / "ablate.py"), "experiment=table_4_2"]
     command += [f"dataset.path={shapes}", "dataset.samples_per_instance=10", "protocol=published", "protocol.epochs=1"]
     command += ["preprocess=none", f"seed={seeds}", "cache=null", "progress=false", f"hydra/launcher={launcher}"]
-    done = subprocess.run([*command, *options], cwd=launched, capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, *options], cwd=place, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     cells = [json.loads(path.read_text()) for path in folder.glob("cells/*/cell.json")]
     seen = {cell["settings"]["seed"] for cell in cells if cell["status"] == "done"}

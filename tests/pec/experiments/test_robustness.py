@@ -165,6 +165,7 @@ def test_rows_are_the_runs_by_their_own_test_split(runs):
     assert " ± " not in lines[3]
 
 
+@pytest.mark.slow
 def test_script_prints_the_table_and_leaves_the_numbers(runs, shapes, tmp_path):
     command = [sys.executable, str(ROOT / "scripts" / "robustness.py"), f"runs={runs / 'knn_0'}", "progress=false"]
     done = subprocess.run(

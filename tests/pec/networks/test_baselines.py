@@ -314,6 +314,7 @@ def test_every_network_goes_through_training_and_its_checkpoint(name, shapes, tm
     assert len(Classifier.load(results["checkpoint"]).predict(load_dataset(shapes).cloud(0)).probabilities) == 3
 
 
+@pytest.mark.slow
 def test_dropout_is_drawn_alike_after_a_kill(shapes, tmp_path):
     through = _settings(shapes, tmp_path / "through", "pointnet_vanilla")
     killed = _settings(shapes, tmp_path / "killed", "pointnet_vanilla")

@@ -84,6 +84,7 @@ def test_scaled_weights_let_clouds_differ():
     assert PEC(64, 10)(inputs).std(dim=0).mean() < 0.02  # torch's own weights hardly tell clouds apart
 
 
+@pytest.mark.slow
 def test_interrupted_run_with_scaled_weights_ends_in_the_same_weights(shapes, tmp_path, monkeypatch):
     settings = {
         "dataset": {"path": str(shapes)},

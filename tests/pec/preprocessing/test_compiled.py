@@ -160,6 +160,7 @@ for settings in ({}, ours, ours | {"drop_isolated": 1.5}):
 """
 
 
+@pytest.mark.slow
 @needs_kernels
 def test_without_a_compiler_the_answers_are_the_same() -> None:
     answers = []

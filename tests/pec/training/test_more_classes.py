@@ -70,6 +70,7 @@ def test_large_runs_are_passed_over_less_often_so_that_teaching_takes_minutes():
     assert [epochs_for(n) for n in (10, 6_000, 8_000, 15_000, 100_000)] == [10, 10, 7, 4, 3]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_classifier(run):
     clouds = {"cube": [_cube(np.random.default_rng(i)) for i in range(5)]}
     cloud = shape("rod", np.random.default_rng(99))

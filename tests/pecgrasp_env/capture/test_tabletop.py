@@ -283,6 +283,7 @@ def wall_with_squares(count: int, size: tuple[int, int] = (480, 640)) -> Table:
     return Table(depth, owner, np.zeros(count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["ideal", "d435", "structured_light"])
 def test_with_losses_one_object_in_six_keeps_less_than_nine_tenths(sensor):
     light = sensor == "structured_light"
@@ -319,6 +320,7 @@ def test_an_ideal_sensor_keeps_the_table_whatever_noise_is_named():
     np.testing.assert_array_equal(table.owner, exact.owner)
 
 
+@pytest.mark.slow
 def test_clouds_of_a_camera_on_a_stand_with_structured_light(tmp_path):
     light = replace(
         TABLE,

@@ -41,6 +41,7 @@ def test_the_docstring_is_a_card():
     assert headings[4:] == ["Starting State", "Episode End", "Arguments", "Version History"]
 
 
+@pytest.mark.slow
 def test_the_environment_checker_has_nothing_to_say():
     environment = gym.make("DualGraspSingle-v1", render_backend="cpu")
     with warnings.catch_warnings():

@@ -237,6 +237,7 @@ def test_objects_start_at_rest_apart_and_of_different_classes(env, seed):
     assert not info["fail"]
 
 
+@pytest.mark.slow
 def test_neither_class_nor_number_tells_the_target(env):
     """The asked-for object is drawn among all classes, and takes any number in the segmentation picture."""
     targets, slots = set(), set()

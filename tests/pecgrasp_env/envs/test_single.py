@@ -30,7 +30,9 @@ def strict():
 
 
 @pytest.mark.usefixtures("strict")
-@pytest.mark.parametrize("kwargs", [{}, {"obs_mode": "cloud", "text_target": True}])
+@pytest.mark.parametrize(
+    "kwargs", [pytest.param({}, marks=pytest.mark.slow), {"obs_mode": "cloud", "text_target": True}]
+)
 def test_the_environment_checker_has_nothing_to_say(kwargs):
     env = make(**kwargs)
     check_env(env.unwrapped, skip_render_check=True)  # it would open a window for the mode "human"
@@ -50,6 +52,7 @@ def test_pictures_are_what_gymnasium_expects():
     env.close()
 
 
+@pytest.mark.slow
 def test_twins_of_one_seed_agree_over_two_hundred_steps():
     first, second = make(control_mode="pd_joint_delta_pos"), make(control_mode="pd_joint_delta_pos")
     rng = np.random.default_rng(0)

@@ -155,6 +155,7 @@ def test_meshes_in_subfolders_are_named_by_both(tmp_path):
 # -------------------------------------------------------------------------------------------------------- absence
 
 
+@pytest.mark.slow
 def test_both_cases_come_and_what_lies_there_does_not_tell(maybe):
     absent, kinds = [], {True: set(), False: set()}
     for seed in range(24):
@@ -219,6 +220,7 @@ def test_idling_and_lifting_pay_nothing_where_the_class_is_absent(maybe):
     assert not bool(info["success"])
 
 
+@pytest.mark.slow
 def test_a_target_is_there_or_away_as_it_is_wished(maybe):
     for absent in (True, False):
         for seed in range(4):

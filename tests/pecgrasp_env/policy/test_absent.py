@@ -99,6 +99,7 @@ def test_in_doubt_it_looks_again_before_it_touches(env, labels):
     assert unsure.views > 1
 
 
+@pytest.mark.slow
 def test_what_the_classifier_would_not_call_known_is_not_touched(env, labels):
     classifier = Knows(labels(env), known=0.85)
     classifier.unknown_below = 0.9

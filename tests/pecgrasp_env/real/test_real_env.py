@@ -53,6 +53,7 @@ def test_spaces_are_those_of_the_simulation(robot):
         simulated.close()
 
 
+@pytest.mark.slow
 def test_actions_lead_where_the_simulations_controllers_go(robot):
     rng = np.random.default_rng(0)
     for mode in MODES:

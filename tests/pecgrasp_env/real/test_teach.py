@@ -126,6 +126,7 @@ def taught(name, thing, folder, *overrides):
     return folder / "out"
 
 
+@pytest.mark.slow
 def test_what_is_taught_one_after_another_is_known_as_if_taught_at_once(checkpoint, tmp_path):
     first = taught("can", CAN, tmp_path / "1", f"checkpoint={checkpoint}")
     second = taught("puck", BOX, tmp_path / "2", f"checkpoint={first}/checkpoint")

@@ -25,6 +25,7 @@ def opening_errors(bench, q, openings):
     return np.abs(errors), np.array(offsets)
 
 
+@pytest.mark.slow
 def test_opening_and_depth_follow_the_command_over_the_stroke_also_after_100_cycles(bench):
     b = bench()
     q = b.grasp_posture(b.DOWN, 0.06)

@@ -56,6 +56,7 @@ def test_a_number_draws_the_same_thing_again_and_another_number_another():
     assert len({stranger(i).extents.round(4).tobytes() for i in range(12)}) == 12
 
 
+@pytest.mark.slow
 def test_kin_by_name_is_left_out_whatever_a_folder_calls_it():
     assert {"mug", "cup", "pot", "shell"} <= kin_of(["coffee_mug"])
     assert {"box", "cuboid"} <= kin_of(["Boxes"])
