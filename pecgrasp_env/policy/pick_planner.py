@@ -18,7 +18,7 @@ from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View, look
 from pecgrasp_env.policy.planned_pick import PlannedPick
-from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, merge, most_trusted
+from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, log_odds, merge, most_trusted
 from pecgrasp_env.robot.kinematics import UP
 
 NOT_FOUND = "not found"
@@ -27,6 +27,7 @@ _DOUBT = 0.3  # of a second object, from which one look is not enough
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
 _AGREEING = 2  # views that show one thing, of which each alone is unsure
+_BEYOND_DOUBT = 0.99  # probability of the class by both witnesses, from which two views that agree are enough
 _UNKNOWN_BELOW = 0.5  # of a classifier that says how well it knows a thing and has no threshold for it
 _WHOLE = 0.7  # certainty times `known`, from which nobody asks whether it is several
 _CUTTING = (-1.5, -3.0)  # `whole_rather` of a `Segmenter`, by which what cannot be trusted is cut, and once more
@@ -138,16 +139,31 @@ class PickPlanner:
         return likely and sum(p > _DOUBT for p in probabilities) == 1
 
     def is_found(self, objects: list[SeenObject]) -> bool:
-        """Whether more than one look is enough: the object is likely and whole, whatever others may be."""
-        likely = self.choose(objects) is not None and self._log.confidence >= SURE
-        return likely and self.doubt(objects) is None
-
-    def is_confirmed(self, objects: list[SeenObject]) -> bool:
-        """Whether the object that would be taken is surely a whole one, or more than one view shows it so: of another
-        object's piece one view may look like the asked-for one, hardly the next. Also where there is none to take.
+        """Whether more than one look is enough: the object is likely and whole, whatever others may be; or two views
+        at least show it so, it is rather known than not, and by both witnesses (`SeenObject.is_a`) as good as certain.
         """
         index = self.choose(objects)
-        return index is None or _is_confirmed(objects[index])
+        if index is None or self.doubt(objects) is not None:
+            return False
+        seen = objects[index]
+        agree = len(seen.evidence) >= _AGREEING and seen.is_a(self._target) >= _BEYOND_DOUBT
+        agree &= seen.known >= _UNKNOWN_BELOW  # a stranger may look like one class from every side
+        return agree or self._log.confidence >= SURE
+
+    def is_confirmed(self, objects: list[SeenObject], n_views: int) -> bool:
+        """Whether the object that would be taken is surely the one, or more than one of so many views shows it so: of
+        another object's piece, or of two in one, one view may look like the asked-for one, hardly the next. Nor, where
+        others lie on it and must go up with it or slide off, may the segmenter and the classifier together speak
+        against its being one whole thing. True where there is none to take.
+        """
+        index = self.choose(objects)
+        if index is None or self.is_sure(objects):
+            return True
+        seen = objects[index]
+        doubtful = log_odds(seen.certainty) + log_odds(seen.known) < 0
+        if doubtful and not self._clear and lying_on(objects, index):
+            return False
+        return len(seen.evidence) >= min(_AGREEING, n_views) and _is_confirmed(seen)
 
     def is_absent(self, objects: list[SeenObject]) -> bool:
         """Whether nothing that was seen may be the asked-for one: each is surely something else, and surely whole, and

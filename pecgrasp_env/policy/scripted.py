@@ -195,9 +195,9 @@ class ScriptedPolicy:
         objects: list[SeenObject] = []
         while len(self.log.failures) < self.attempts and self.log.cleared <= _MOST_CLEARED:
             objects, views, observation = yield from self._survey(pick_planner, arm, observation, objects)
-            if not pick_planner.is_confirmed(objects):
+            if not pick_planner.is_confirmed(objects, len(views)):
                 self.log.failures.append(NOT_FOUND)
-                self.log.doubts.append(f"but one view shows the {self._target}, and that is unsure")
+                self.log.doubts.append(f"what may be the {self._target} is too unsure to be touched")
                 if self.log.failures.count(NOT_FOUND) == _MOST_SURVEYS:
                     break
                 continue

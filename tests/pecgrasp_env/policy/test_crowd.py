@@ -137,23 +137,48 @@ def test_of_two_that_may_be_it_the_one_that_is_surely_whole_is_taken():
     assert log.confidence == pytest.approx(0.9)
 
 
-def test_what_one_view_alone_shows_and_not_surely_is_not_touched():
-    planner = PickPlanner(None, None, None, 0.6, "mouse", PolicyLog())
-    unsure, sure = seen(LOWER, 0.6, mouse=0.95, cup=0.05), seen(LOWER, 0.8, mouse=0.95, cup=0.05)
-    assert not planner.is_confirmed([unsure])
-    assert planner.is_confirmed([sure])
-    assert planner.is_confirmed(merge([unsure], [seen(LOWER, 0.6, mouse=0.95, cup=0.05)]))
-    assert planner.is_confirmed([])
-
-
-class _OwnThreshold:
+class _Taught:
     unknown_below = 0.25
+
+
+def test_what_one_view_alone_shows_and_not_surely_is_not_touched():
+    planner = PickPlanner(_Taught(), None, None, 0.6, "mouse", PolicyLog())
+    unsure, whole = seen(LOWER, 0.6, mouse=0.95, cup=0.05), seen(LOWER, 0.8, mouse=0.85, cup=0.15)
+    assert not planner.is_confirmed([unsure], 2)
+    assert planner.is_confirmed(merge([unsure], [seen(LOWER, 0.6, mouse=0.95, cup=0.05)]), 2)
+    assert planner.is_confirmed([], 2)
+    assert planner.is_confirmed([whole], 1)
+    assert not planner.is_confirmed([whole], 4), "three other views show it otherwise"
+
+
+def test_what_others_lie_on_is_not_touched_where_both_witnesses_doubt_that_it_is_whole():
+    vague = {"mouse": 0.3, UNKNOWN: 0.7}
+    planner = PickPlanner(_Taught(), None, None, 0.6, "mouse", PolicyLog())
+    upper = seen(UPPER, 0.9, cup=1.0)
+    doubtful, whole = (SeenObject(LOWER, False, [vague, vague], certainty=each) for each in (0.6, 0.8))
+    assert planner.is_confirmed([doubtful], 4)
+    assert not planner.is_confirmed([doubtful, upper], 4)
+    assert planner.is_confirmed([whole, upper], 4)
+    clears = PickPlanner(_Taught(), None, None, 0.6, "mouse", PolicyLog(), clear=True)
+    assert clears.is_confirmed([doubtful, upper], 4), "it can be looked at again once what lies on it is away"
+
+
+def test_two_views_that_agree_beyond_doubt_are_enough():
+    planner = PickPlanner(_Taught(), None, None, 0.6, "mouse", PolicyLog())
+    clear = {"mouse": 0.594, "cup": 0.006, UNKNOWN: 0.4}
+    once = [SeenObject(LOWER, False, [clear], certainty=0.9)]
+    assert not planner.is_found(once)
+    assert planner.is_found(merge(once, [SeenObject(LOWER, False, [clear], certainty=0.9)]))
+    vague, strange = {"mouse": 0.5, "cup": 0.1, UNKNOWN: 0.4}, {"mouse": 0.4, UNKNOWN: 0.6}
+    assert not planner.is_found([SeenObject(LOWER, False, [strange, strange], certainty=0.9)])
+    assert not planner.is_found([SeenObject(LOWER, False, [vague, vague], certainty=0.9)])
+    assert not planner.is_found([SeenObject(LOWER, False, [clear, clear], certainty=0.6)])
 
 
 def test_what_looks_clearly_like_one_class_is_touched_though_it_is_hardly_known_and_other_things_are_not():
     def takes(known, share, classifier=None):
         mouse = {"mouse": known * share, "cup": known * (1 - share), UNKNOWN: 1 - known}
-        return PickPlanner(classifier or _OwnThreshold(), None, None, 0.9, "mouse", PolicyLog()).choose(
+        return PickPlanner(classifier or _Taught(), None, None, 0.9, "mouse", PolicyLog()).choose(
             [seen(LOWER, 0.8, **mouse)]
         )
 
