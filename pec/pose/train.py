@@ -5,7 +5,6 @@ On a CPU with the same number of threads an interrupted run ends in the same wei
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
-from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.errors import ConfigError
 from pec.pose.checkpoint import read_pose_checkpoint
@@ -27,8 +25,10 @@ from pec.pose.distance import PoseDistance
 from pec.pose.epoch import run_epoch
 from pec.pose.evaluation import evaluate, proposal_figures
 from pec.pose.models import PoseModels, read_models
-from pec.pose.run_state import OTHER_DATA, PoseRunState
+from pec.pose.network import PoseNetwork
+from pec.pose.run_state import pose_run, pose_state
 from pec.training.epoch_bar import epoch_bar
+from pec.training.epoch_state import EpochState
 
 __all__ = ["train_pose"]
 
@@ -51,18 +51,16 @@ def train_pose(cfg: Mapping[str, Any]) -> dict[str, Any]:
     Raises ConfigError, DatasetError, ModelsError, CheckpointError, or TrainingError where the loss is not finite.
     """
     config = read_pose_config(cfg)
-    results_file = Path(config.output) / "results.json"
     device = device_named(config.device)
     with torch_threads(config.threads):
         data = _load(config, read_models(config.models), device)
-        if results_file.is_file():
-            results: dict[str, Any] = json.loads(results_file.read_text())
-            check_same_run(config.output, config.decisive(), data.version, results, OTHER_DATA)
-            return results
-        state = PoseRunState(config, data.models, data.version, device)
+        run = pose_run(config, data.version)
+        if (done := run.results()) is not None:
+            return done
+        state = pose_state(config, run, data.models, device)
         _fit(config, state, data)
         results = _results(config, state, data, device)
-    write_json(results_file, results)
+    write_json(Path(config.output) / "results.json", results)
     return results
 
 
@@ -85,7 +83,7 @@ def _load(config: PoseTrainConfig, models: PoseModels, device: torch.device) -> 
     )
 
 
-def _fit(config: PoseTrainConfig, state: PoseRunState, data: _Data) -> None:
+def _fit(config: PoseTrainConfig, state: EpochState[PoseNetwork], data: _Data) -> None:
     """Train up to the configured epoch, saving after each."""
     epochs = config.protocol.epochs
     # What an interrupted run wrote after its last saved epoch is hidden.
@@ -96,13 +94,16 @@ def _fit(config: PoseTrainConfig, state: PoseRunState, data: _Data) -> None:
             begin = time.perf_counter()
             loss, rate = run_epoch(config, state.network, state.optimizer, data.distance, data.training, epoch)
             validation = proposal_figures(state.network, data.distance, data.validation)
-            state.finish_epoch(loss, validation, rate, time.perf_counter() - begin)
+            values = (loss, validation["likeliest"], validation["nearest"], rate)
+            state.finish_epoch(values, validation["likeliest"], time.perf_counter() - begin)
             for name, curve in state.history.items():
                 writer.add_scalar(name.replace("_", "/", 1), curve[-1], epoch + 1)
             bar.set_postfix(loss=f"{loss:.3f}", **{name: f"{value:.3f}" for name, value in validation.items()})
 
 
-def _results(config: PoseTrainConfig, state: PoseRunState, data: _Data, device: torch.device) -> dict[str, Any]:
+def _results(
+    config: PoseTrainConfig, state: EpochState[PoseNetwork], data: _Data, device: torch.device
+) -> dict[str, Any]:
     """What the run was, and the figures of its best checkpoint."""
     best = Path(config.output) / "best"
     network = read_pose_checkpoint(best).network.to(device)

@@ -6,7 +6,6 @@ weights, bit for bit.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Mapping
@@ -21,7 +20,6 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
-from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.data.augment import Augment
 from pec.errors import DatasetError
@@ -31,10 +29,11 @@ from pec.networks.pec_segmentation import PECSegmentation
 from pec.segmentation.checkpoint import read_point_checkpoint
 from pec.segmentation.clouds import LabelledClouds, drawn, read_clouds
 from pec.segmentation.config import PointTrainConfig, read_point_config
-from pec.segmentation.run_state import OTHER_DATA, PointRunState
+from pec.segmentation.run_state import point_run, point_state
 from pec.segmentation.scores import confusion_of, scores
 from pec.training.costs import median_ms, multiply_adds
 from pec.training.epoch_bar import epoch_bar
+from pec.training.epoch_state import EpochState
 from pec.training.precision import choose_precision
 from pec.training.running_statistics import without_their_start
 from pec.training.schedule import warm_cosine
@@ -53,7 +52,6 @@ def train_points(cfg: Mapping[str, Any]) -> dict[str, Any]:
     Raises ConfigError, DatasetError, CheckpointError, or TrainingError where the loss is not finite.
     """
     config = read_point_config(cfg)
-    results_file = Path(config.output) / "results.json"
     device = device_named(config.device)
     most = max(config.n_points, config.also_at or 0)
     clouds = read_clouds(Path(config.clouds), most)
@@ -61,10 +59,9 @@ def train_points(cfg: Mapping[str, Any]) -> dict[str, Any]:
     if test is not None and test.classes != clouds.classes:
         raise DatasetError(f"{config.test} has the classes {test.classes}, {config.clouds} {clouds.classes}")
     data = f"{clouds.version} {test.version if test else ''}"
-    if results_file.is_file():
-        results: dict[str, Any] = json.loads(results_file.read_text())
-        check_same_run(config.output, config.decisive(), data, results, OTHER_DATA)
-        return results
+    run = point_run(config, data)
+    if (done := run.results()) is not None:
+        return done
     splits = {"validation": clouds.part(val=True)} | ({"test": test} if test else {})
     training = clouds.part(val=False)
     if len(training) < 2 or not len(splits["validation"]):
@@ -73,14 +70,16 @@ def train_points(cfg: Mapping[str, Any]) -> dict[str, Any]:
             "epoch on: two and one at least are needed"
         )
     with torch_threads(config.threads):
-        state = PointRunState(config, clouds.classes, data, device)
+        state = point_state(config, run, clouds.classes, device)
         _fit(config, state, training, splits["validation"])
         results = _results(config, state, training, splits, device) | {"data": data}
-    write_json(results_file, results)
+    write_json(Path(config.output) / "results.json", results)
     return results
 
 
-def _fit(config: PointTrainConfig, state: PointRunState, training: LabelledClouds, validation: LabelledClouds) -> None:
+def _fit(
+    config: PointTrainConfig, state: EpochState[nn.Module], training: LabelledClouds, validation: LabelledClouds
+) -> None:
     """Train up to the configured epoch, saving after each."""
     epochs, device = config.protocol.epochs, next(state.network.parameters()).device
     if state.epoch == 0 and isinstance(state.network, PECSegmentation):  # its decoder has no batch norm
@@ -94,7 +93,8 @@ def _fit(config: PointTrainConfig, state: PointRunState, training: LabelledCloud
             begin = time.perf_counter()
             loss, rate = _epoch(config, state, training, epoch)
             found = scores(confusion_of(state.network, validation, config.n_points), training.classes)
-            state.finish_epoch(loss, found, rate, time.perf_counter() - begin)
+            values = (loss, found.accuracy, found.mean_iou, rate)
+            state.finish_epoch(values, found.mean_iou, time.perf_counter() - begin)
             for name, curve in state.history.items():
                 writer.add_scalar("/".join(name.rsplit("_", 1)), curve[-1], epoch + 1)
             for name, iou in found.iou.items():
@@ -102,7 +102,9 @@ def _fit(config: PointTrainConfig, state: PointRunState, training: LabelledCloud
             bar.set_postfix(loss=f"{loss:.3f}", mean_iou=f"{found.mean_iou:.3f}")
 
 
-def _epoch(config: PointTrainConfig, state: PointRunState, training: LabelledClouds, epoch: int) -> tuple[float, float]:
+def _epoch(
+    config: PointTrainConfig, state: EpochState[nn.Module], training: LabelledClouds, epoch: int
+) -> tuple[float, float]:
     """Train by one pass, the `epoch`-th from 0; returns the mean loss and the last learning rate."""
     protocol, seed = config.protocol, config.seed * 1_000_003 + epoch
     assert state.precision is not None
@@ -148,7 +150,7 @@ def _trial(config: PointTrainConfig, network: nn.Module, training: LabelledCloud
 
 def _results(
     config: PointTrainConfig,
-    state: PointRunState,
+    state: EpochState[nn.Module],
     training: LabelledClouds,
     splits: Mapping[str, LabelledClouds],
     device: torch.device,

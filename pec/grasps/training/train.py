@@ -5,7 +5,6 @@ On a CPU with the same number of threads an interrupted run ends in the same wei
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,11 +13,9 @@ from typing import Any
 import numpy as np
 import torch
 from torch.utils.tensorboard import SummaryWriter
-from tqdm import tqdm
 
 from pec.common.atomic_files import write_json
 from pec.common.devices import device_named
-from pec.common.run_identity import check_same_run
 from pec.common.threads import torch_threads
 from pec.grasps.checkpoint import read_grasp_checkpoint
 from pec.grasps.network import GraspNetwork, build_network, multiply_adds
@@ -26,9 +23,11 @@ from pec.grasps.networks.graspnet_sampler import GraspNetSampler
 from pec.grasps.training.config import GraspTrainConfig, read_grasp_config
 from pec.grasps.training.data import GraspTensors, Splits, load_splits
 from pec.grasps.training.figures import ranking_figures
-from pec.grasps.training.run_state import OTHER_DATA, GraspRunState
+from pec.grasps.training.run_state import grasp_run, grasp_state
 from pec.grasps.training.sampled_grasps import coverage
 from pec.grasps.views import GraspViews
+from pec.training.epoch_bar import epoch_bar
+from pec.training.epoch_state import EpochState
 from pec.training.schedule import warm_cosine
 from pec.training.step import take_step
 
@@ -45,23 +44,21 @@ def train_grasps(cfg: Mapping[str, Any]) -> dict[str, Any]:
     Raises ConfigError, DatasetError, CheckpointError, or TrainingError where the loss is not finite.
     """
     config = read_grasp_config(cfg)
-    results_file = Path(config.output) / "results.json"
     device = device_named(config.device)
     with torch_threads(config.threads):
         normals = build_network(config.network).uses_normals
         data = load_splits(config.dataset, config.network, normals, config.seed).to(device)
-        if results_file.is_file():
-            results: dict[str, Any] = json.loads(results_file.read_text())
-            check_same_run(config.output, config.decisive(), data.version, results, OTHER_DATA)
-            return results
-        state = GraspRunState(config, data.version, device)
+        run = grasp_run(config, data.version)
+        if (done := run.results()) is not None:
+            return done
+        state = grasp_state(config, run, device)
         _fit(config, state, data)
         results = _results(config, state, data, device)
-    write_json(results_file, results)
+    write_json(Path(config.output) / "results.json", results)
     return results
 
 
-def _fit(config: GraspTrainConfig, state: GraspRunState, data: Splits) -> None:
+def _fit(config: GraspTrainConfig, state: EpochState[GraspNetwork], data: Splits) -> None:
     """Train up to the configured epoch, saving after each."""
     training, validation = data.training, data.validation
     if isinstance(state.network, GraspNetSampler):  # learns what holds, from nothing else
@@ -69,23 +66,24 @@ def _fit(config: GraspTrainConfig, state: GraspRunState, data: Splits) -> None:
     epochs = config.protocol.epochs
     # What an interrupted run wrote after its last saved epoch is hidden.
     writer = SummaryWriter(str(Path(config.output) / "tensorboard"), purge_step=state.epoch + 1)
-    bar = tqdm(total=epochs, initial=state.epoch, desc="training", unit="epoch", disable=not config.progress)
+    bar = epoch_bar(state.epoch, epochs, shown=config.progress)
     with writer, bar:
-        while state.epoch < epochs:
-            begin, epoch = time.perf_counter(), state.epoch
+        for epoch in bar:
+            begin = time.perf_counter()
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(config.seed * 1_000_003 + epoch)
                 loss, rate = _run_epoch(config, state, training)
                 torch.manual_seed(config.seed)
                 validated = _mean_loss(state.network, validation)
-            state.finish_epoch(loss, validated, rate, time.perf_counter() - begin)
+            state.finish_epoch((loss, validated, rate), validated, time.perf_counter() - begin)
             for name, curve in state.history.items():
                 writer.add_scalar(name.replace("_", "/", 1), curve[-1], epoch + 1)
             bar.set_postfix(loss=f"{loss:.3f}", validation=f"{validated:.3f}")
-            bar.update()
 
 
-def _run_epoch(config: GraspTrainConfig, state: GraspRunState, training: GraspTensors) -> tuple[float, float]:
+def _run_epoch(
+    config: GraspTrainConfig, state: EpochState[GraspNetwork], training: GraspTensors
+) -> tuple[float, float]:
     """One pass; the mean loss and the last learning rate. Raises TrainingError where the loss is not finite."""
     protocol, network, optimizer = config.protocol, state.network, state.optimizer
     n_steps = max(1, len(training) // protocol.batch_size)
@@ -130,7 +128,9 @@ def _figures(network: GraspNetwork, grasps: GraspTensors, samplers: tuple[str, .
     return rows
 
 
-def _results(config: GraspTrainConfig, state: GraspRunState, data: Splits, device: torch.device) -> dict[str, Any]:
+def _results(
+    config: GraspTrainConfig, state: EpochState[GraspNetwork], data: Splits, device: torch.device
+) -> dict[str, Any]:
     """What the run was, and the figures of its best checkpoint."""
     best = Path(config.output) / "best"
     network = read_grasp_checkpoint(best).network

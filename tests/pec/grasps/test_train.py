@@ -10,7 +10,6 @@ import torch
 from pec.errors import CheckpointError, ConfigError, DatasetError
 from pec.grasps import GraspProposer, GraspScorer
 from pec.grasps.training.figures import average_precision, ranking_figures, top_one
-from pec.grasps.training.run_state import GraspRunState
 from pec.grasps.training.train import train_grasps
 
 EVALUATORS = ("pointnetgpd", "gpd", "graspnet_evaluator")
@@ -42,20 +41,11 @@ def test_it_is_learnt_what_holds(settings, downward, name) -> None:
     assert scorer(top_of_bar(0.12, 0.03), np.zeros((0, 4, 4)), np.zeros(0)).shape == (0,)
 
 
-def test_a_run_that_was_stopped_ends_in_the_same_weights(settings, tmp_path, monkeypatch) -> None:
+def test_a_run_that_was_stopped_ends_in_the_same_weights(settings, tmp_path, stopped_after) -> None:
     whole = train_grasps(settings)
     stopped = settings | {"output": str(tmp_path / "stopped")}
-    finish = GraspRunState.finish_epoch
-
-    def stop(self: GraspRunState, *args: float) -> None:
-        finish(self, *args)
-        if self.epoch == 2:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(GraspRunState, "finish_epoch", stop)
-        with pytest.raises(KeyboardInterrupt):
-            train_grasps(stopped)
+    with stopped_after(2):
+        train_grasps(stopped)
     resumed = train_grasps(stopped)
     assert resumed["curves"] == whole["curves"]
     files = [Path(each["checkpoint"]) / "model.safetensors" for each in (whole, resumed)]

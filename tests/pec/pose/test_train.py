@@ -10,7 +10,6 @@ from safetensors.torch import load_file
 from pec import Classifier
 from pec.errors import CheckpointError, CloudError, ConfigError, DatasetError, ModelsError
 from pec.pose import PoseRegressor
-from pec.pose import train as training
 from pec.pose.checkpoint import read_pose_checkpoint
 from pec.pose.clouds import load_posed_clouds
 from pec.pose.distance import PoseDistance
@@ -102,20 +101,11 @@ def test_bad_input_is_named(memorised):
         regressor.propose(good, "can/tin", most=0)
 
 
-def test_a_killed_run_ends_in_the_same_weights(settings, tmp_path, monkeypatch):
+def test_a_killed_run_ends_in_the_same_weights(settings, tmp_path, stopped_after):
     whole = train_pose(settings)
-    save = training.PoseRunState.finish_epoch
-
-    def killed(state, *figures):
-        save(state, *figures)
-        if state.epoch == 2:
-            raise KeyboardInterrupt
-
     stopped = settings | {"output": str(tmp_path / "stopped")}
-    monkeypatch.setattr(training.PoseRunState, "finish_epoch", killed)
-    with pytest.raises(KeyboardInterrupt):
+    with stopped_after(2):
         train_pose(stopped)
-    monkeypatch.undo()
     resumed = train_pose(stopped)
     assert resumed["curves"] == whole["curves"]
     for folder in ("last", "best"):

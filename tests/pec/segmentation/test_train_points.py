@@ -14,7 +14,6 @@ from pec import Classifier
 from pec.data.augment import Augment
 from pec.errors import CheckpointError, CloudError, ConfigError, DatasetError
 from pec.segmentation import PointSegmenter
-from pec.segmentation import train as training
 from pec.segmentation.clouds import LabelledClouds, drawn, read_clouds, write_clouds
 from pec.segmentation.scores import scores
 from pec.segmentation.segmenter import centred, drawn_points
@@ -90,20 +89,11 @@ def test_pointnets_penalty_belongs_to_its_loss(settings):
     assert 3.5e6 < results["parameters"] < 3.6e6
 
 
-def test_a_killed_run_ends_in_the_same_weights(settings, tmp_path, monkeypatch):
+def test_a_killed_run_ends_in_the_same_weights(settings, tmp_path, stopped_after):
     whole = train_points(settings)
-    save = training.PointRunState.finish_epoch
-
-    def killed(state, *figures):
-        save(state, *figures)
-        if state.epoch == 1:
-            raise KeyboardInterrupt
-
     stopped = settings | {"output": str(tmp_path / "stopped")}
-    monkeypatch.setattr(training.PointRunState, "finish_epoch", killed)
-    with pytest.raises(KeyboardInterrupt):
+    with stopped_after(1):
         train_points(stopped)
-    monkeypatch.undo()
     resumed = train_points(stopped)
     assert resumed["curves"] == whole["curves"]
     for folder in ("last", "best"):
