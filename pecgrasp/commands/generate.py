@@ -1,45 +1,26 @@
 """Generate labelled clouds: `pecgrasp generate out=DIR`; settings in conf/generate.yaml."""
 
-import sys
-
 import hydra
 from omegaconf import DictConfig
 
 from pec.common.atomic_files import write_json
-from pec.errors import DatasetError
+from pecgrasp.generation_job import generation_job
 from pecgrasp.progress import progress_bar
 from pecgrasp.settings import CONF, plain
-from pecgrasp_env.capture import CaptureConfig, CaptureError, generate, summarise, write_card
-from pecgrasp_env.common.job_share import JobShare, JobShareError
-from pecgrasp_env.objects import ObjectError
-from pecgrasp_env.sensor import SensorError
+from pecgrasp_env.capture import CaptureConfig, generate, summarise, write_card
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="generate")
 def main(cfg: DictConfig) -> None:
-    try:
+    with (
+        generation_job(cfg, "generate", "cloud") as job,
+        progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
+    ):
         config = CaptureConfig.from_settings(plain(cfg))
-        share = None if cfg.shard is None else JobShare.parse(cfg.shard)
-        with (
-            progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
-            progress_bar("cloud", shown=cfg.progress) as progress,
-        ):
-            generation = generate(
-                config,
-                cfg.out,
-                workers=cfg.workers,
-                on_error=cfg.on_error,
-                share=share,
-                frames_at_once=cfg.frames_at_once,
-                progress=progress,
-                preparing=preparing,
-            )
+        more = {"on_error": cfg.on_error, "frames_at_once": cfg.frames_at_once, "preparing": preparing}
+        generation = generate(config, cfg.out, **more, **job)
         summary = summarise(generation)
-    except (CaptureError, DatasetError, JobShareError, ObjectError, SensorError) as error:
-        sys.exit(f"pecgrasp generate: {error}")
-    except KeyboardInterrupt:
-        print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
-        sys.exit(130)
+    share = job["share"]
     write_json(generation.directory / f"results{'' if share is None else share.suffix}.json", summary)
     print(
         f"{'class':18}{'instances':>10}{'clouds':>8}{'points: 5 %':>13}{'median':>8}{'95 %':>7}{'median depth m':>16}"

@@ -1,48 +1,28 @@
 """Generate grasp labels: `pecgrasp generate-grasps out=DIR`; settings in conf/generate_grasps.yaml."""
 
-import sys
-
 import hydra
 from omegaconf import DictConfig
 
 from pec.common.atomic_files import write_json
-from pec.errors import DatasetError
+from pecgrasp.generation_job import generation_job
 from pecgrasp.progress import progress_bar
 from pecgrasp.settings import CONF, plain
-from pecgrasp_env.capture.config import CaptureError
 from pecgrasp_env.capture.grasps.card import write_grasps_card
 from pecgrasp_env.capture.grasps.config import GraspsConfig
 from pecgrasp_env.capture.grasps.generate import generate_grasps
 from pecgrasp_env.capture.grasps.summary import summarise_grasps
 from pecgrasp_env.capture.grasps.trials import OUTCOMES
-from pecgrasp_env.common.job_share import JobShare, JobShareError
-from pecgrasp_env.objects import ObjectError
-from pecgrasp_env.sensor import SensorError
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="generate_grasps")
 def main(cfg: DictConfig) -> None:
-    try:
+    with (
+        generation_job(cfg, "generate-grasps", "scene") as job,
+        progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
+    ):
         config = GraspsConfig.from_settings(plain(cfg))
-        share = None if cfg.shard is None else JobShare.parse(cfg.shard)
-        with (
-            progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
-            progress_bar("scene", shown=cfg.progress) as progress,
-        ):
-            done = generate_grasps(
-                config,
-                cfg.out,
-                workers=cfg.workers,
-                on_error=cfg.on_error,
-                share=share,
-                progress=progress,
-                preparing=preparing,
-            )
-    except (CaptureError, DatasetError, JobShareError, ObjectError, SensorError) as error:
-        sys.exit(f"pecgrasp generate-grasps: {error}")
-    except KeyboardInterrupt:
-        print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
-        sys.exit(130)
+        done = generate_grasps(config, cfg.out, on_error=cfg.on_error, preparing=preparing, **job)
+    share = job["share"]
     summary = summarise_grasps(done)
     write_json(done.directory / f"results{'' if share is None else share.suffix}.json", summary)
     for title, rows in (("sampler", summary["samplers"]), ("class", summary["classes"])):

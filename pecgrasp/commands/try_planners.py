@@ -8,16 +8,13 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pec.common.atomic_files import write_json
-from pec.errors import DatasetError
 from pec.grasps.labels import GraspLabels
+from pecgrasp.generation_job import generation_job
 from pecgrasp.progress import progress_bar
 from pecgrasp.settings import CONF, complete
-from pecgrasp_env.capture.config import CaptureError
 from pecgrasp_env.capture.grasps.config import GraspsConfig
 from pecgrasp_env.capture.grasps.generate import generate_grasps
 from pecgrasp_env.experiments.tried_planners import compare_planners, plan_times_ms
-from pecgrasp_env.objects import ObjectError
-from pecgrasp_env.sensor import SensorError
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="try_planners")
@@ -26,25 +23,15 @@ def main(cfg: DictConfig) -> None:
     planners = settings["planners"]
     if settings["reference"] not in planners:
         sys.exit(f"pecgrasp try-planners: reference={settings['reference']} is none of {', '.join(planners)}")
-    try:
+    with (
+        generation_job(cfg, "try-planners", "scene") as job,
+        progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
+    ):
         config = GraspsConfig.from_settings(settings)
-        with (
-            progress_bar("mesh", shown=cfg.progress, title="convex parts") as preparing,
-            progress_bar("scene", shown=cfg.progress) as progress,
-        ):
-            done = generate_grasps(
-                config,
-                cfg.out,
-                workers=cfg.workers,
-                on_error=cfg.on_error,
-                progress=progress,
-                preparing=preparing,
-            )
-    except (CaptureError, DatasetError, ObjectError, SensorError) as error:
-        sys.exit(f"pecgrasp try-planners: {error}")
-    except KeyboardInterrupt:
-        print(f"stopped; what is whole lies in {cfg.out}, and the same command goes on", file=sys.stderr)
-        sys.exit(130)
+        done = generate_grasps(config, cfg.out, on_error=cfg.on_error, preparing=preparing, **job)
+    if job["share"] is not None:
+        print(f"a share of the scenes is in {done.directory}; the command without shard= compares when all are there")
+        return
     labels = GraspLabels(done.directory)
     results = compare_planners(labels, settings["reference"])
     made = {name: instantiate(each) for name, each in planners.items()}
