@@ -217,8 +217,10 @@ class ScriptedPolicy:
             slipped = any(failure.startswith("lost") for failure in self.log.failures)
             arm.force = grip_force(taken.points, views[-1].plane, slipped)
             failure, observation = yield from self._grasp(arm, approach, observation)
+            tipped: TippedLift | None = None
+            if failure is None and upon:
+                failure, tipped = self._tipped(arm, approach, taken, upon, others, views[-1])
             if failure is None:
-                tipped = None if not upon else self._tipped(arm, approach, taken, upon, others, views[-1])
                 failure, lift, observation = yield from self._lift(arm, approach, tipped, observation)
             if failure is None and still_there(taken, observation, views[-1].plane):
                 failure = "it is still on the table"
@@ -338,16 +340,17 @@ class ScriptedPolicy:
         upon: list[np.ndarray],
         others: list[np.ndarray],
         view: View,
-    ) -> TippedLift | None:
-        """How to lift what is held so that what lies ``upon`` it slides off; None where there is no room."""
+    ) -> tuple[str | None, TippedLift | None]:
+        """How to lift what is held so that what lies ``upon`` it slides off; where there is no room, why not, for
+        lifted otherwise that would go up with it.
+        """
         q, on_it, around = np.asarray(arm.command[:6], float), np.concatenate(upon), np.concatenate(others)
         try:
             tipped = plan_tipped_lift(q, approach, taken.points, on_it, around, view.plane)
         except MotionError as error:
-            self.log.doubts.append(f"something lies on it, and there is no room to tip it off: {error}")
-            return None
+            return f"something lies on it, and there is no room to tip it off: {error}", None
         self.log.doubts.append("something lies on it: it is tipped while it is lifted")
-        return tipped
+        return None, tipped
 
     def _lift(
         self, arm: ArmSteps, approach: Approach, tipped: TippedLift | None, observation: RobotObservation
