@@ -22,6 +22,7 @@ from pecgrasp_env.benchmark.decision import decision
 from pecgrasp_env.benchmark.environment import environment
 from pecgrasp_env.benchmark.generation import generation
 from pecgrasp_env.benchmark.planning import planning
+from pecgrasp_env.benchmark.robot import robot
 from pecgrasp_env.benchmark.timing import Row, limited, line_of, rows_of, side_by_side
 from pecgrasp_env.benchmark.training import training
 
@@ -45,6 +46,7 @@ def run_benchmark(settings: Mapping[str, Any], say: Callable[[str], None] = prin
         "generation": generation,
         "environment": environment,
         "decision": decision,
+        "robot": robot,
     }
     unknown = set(settings["parts"]) - measure.keys()
     if unknown:

@@ -19,12 +19,16 @@ from pecgrasp_env.sensor.d435_noise import apply_ideal
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV, add_depth_camera, take_depth
 
+# Of what the task says, what is told to others.
+_JUDGED = {"success", "wrong_object", "off_table", "dropped", "stranger_lifted", "disturbance_m", "visible_share"}
+
 
 class SimulatedRobot:
     """One episode after the other. kwargs: those of SelectiveGrasp-v1.
 
     period: s. arm: a UR5's lengths, which is what the scene has. target: the asked-for class. outcome: how the episode
-    has ended, "success", "wrong_object" or "off_table"; None before that.
+    has ended, "success", "wrong_object" or "off_table"; None before that. judged: what the task said of it last, at its
+    end the last time.
     """
 
     def __init__(self, seed: int = 0, **kwargs: Any) -> None:
@@ -45,6 +49,7 @@ class SimulatedRobot:
         self._beside: Any = None  # a camera of this episode's scene that stands beside the robot
         self.target = str(info["target"][0])
         self.outcome: str | None = None
+        self.judged: dict[str, float] = {}
         self._steps = 0
 
     @property
@@ -74,6 +79,7 @@ class SimulatedRobot:
     def _judge(self) -> None:
         self.task._elapsed_steps += 1
         info = self.task.evaluate()
+        self.judged = {name: float(value[0]) for name, value in info.items() if name in _JUDGED}
         for name in ("success", "wrong_object", "off_table"):
             if bool(info[name]):
                 self.outcome = name
@@ -97,6 +103,12 @@ class SimulatedRobot:
 
     def report(self) -> dict[str, object]:
         """What is asked for, how the episode ended, what lies there and where, (K, 3) m, base frame."""
-        places = [actor.pose.p[0].tolist() for actor in self.task.objects]
-        classes = [model.class_name for model in self.task.models[0]]
-        return {"target": self.target, "outcome": self.outcome, "classes": classes, "places": places}
+        models = self.task.models[0]
+        return {
+            "target": self.target,
+            "outcome": self.outcome,
+            "judged": self.judged,
+            "classes": [model.class_name for model in models],
+            "instances": [model.instance for model in models],
+            "places": [actor.pose.p[0].tolist() for actor in self.task.objects],
+        }

@@ -105,7 +105,7 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
     return Episode(
         seed=seed,
         target=task.target_names[0],
-        outcome=_outcome(info, log),
+        outcome=outcome_of(info, log),
         reason=log.reason,
         failures=list(log.failures),
         steps=int(info["elapsed_steps"]),
@@ -120,7 +120,8 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
     )
 
 
-def _outcome(info: dict[str, Any], log: PolicyLog) -> str:
+def outcome_of(info: Mapping[str, Any], log: PolicyLog) -> str:
+    """One of OUTCOMES, from what the task and the policy say at the end."""
     if bool(info.get("stranger_lifted", False)):
         return "stranger"
     if bool(info.get("said_absent", False)) and not bool(info["wrong_object"] or info["off_table"]):

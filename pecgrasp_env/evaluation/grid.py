@@ -26,7 +26,7 @@ from pecgrasp_env.common.planner_networks import checkpoint_key, network_keys
 from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.run import Protocol, read_episodes, run_episodes
 
-_DECISIVE = ("env", "planner", "policy", "first_seed")
+_DECISIVE = ("env", "planner", "policy", "first_seed", "sockets")
 
 # From these on, imports lead to all that has a part in an episode; `grasping` to every planner.
 _CODE = (
@@ -86,7 +86,9 @@ def run_cell(settings: Mapping[str, Any], progress: Callable[[int, int], None] |
         "error": None,
     }
     write_json(directory / "cell.json", record)
-    protocol = Protocol(settings["env"], settings["checkpoint"], settings["planner"], settings["policy"])
+    protocol = Protocol(
+        settings["env"], settings["checkpoint"], settings["planner"], settings["policy"], settings["sockets"]
+    )
     first = settings["first_seed"]
     try:
         run_episodes(

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from pecgrasp_env.common.job_share import JobShare
 from pecgrasp_env.common.render_pool import run_jobs
 from pecgrasp_env.evaluation.episode import RIGHT, Episode, run_episode
 from pecgrasp_env.evaluation.failure_images import FailureImages, camera
+from pecgrasp_env.evaluation.sockets import SocketRunner
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 
 
@@ -39,12 +41,15 @@ class Protocol:
     ``classes`` they are all of a mesh folder, and the environment's own of the catalogue.
     checkpoint: directory of the classifier; None where there is one class, of which everything seen then is.
     planner: Hydra-like mapping with ``_target_``. policy: keyword arguments of `ScriptedPolicy`.
+    sockets: pace, simulated seconds a second at most, of a stand-in through whose sockets the arm is driven, as a real
+    one is (`evaluation.sockets`); None: in the simulation itself.
     """
 
     env: dict[str, Any]
     checkpoint: str | None
     planner: dict[str, Any]
     policy: dict[str, Any]
+    sockets: float | None = None
 
     def make_env(self, **kwargs: Any) -> gym.Env:
         return gym.make(
@@ -59,6 +64,17 @@ class Protocol:
                 **kwargs,
             },
         )
+
+    def check_sockets(self) -> None:
+        """Raises EvaluationError where what is evaluated cannot be driven through them."""
+        if self.sockets is None:
+            return
+        if not self.sockets > 0:
+            raise EvaluationError(f"sockets={self.sockets}: a pace, simulated seconds a second, or null")
+        if self.env.get("absent", False) is not False:
+            raise EvaluationError("sockets=…: env.absent must be false, no real arm says that something is not there")
+        if find_spec("rtde_control") is None:
+            raise EvaluationError("sockets=…: ur_rtde is not installed: pip install 'pecgrasp[ur]'")
 
     def make_policy(self) -> ScriptedPolicy:
         """Raises EvaluationError where there is neither a classifier nor a single class."""
@@ -109,10 +125,11 @@ def run_episodes(
         progress: called at the start and after each episode with how many are done, and of how many in this share.
 
     Raises:
-        EvaluationError: workers < 1.
+        EvaluationError: workers < 1; sockets and what they cannot do.
     """
     if workers < 1:
         raise EvaluationError(f"workers={workers}: must be at least 1")
+    protocol.check_sockets()
     out.mkdir(parents=True, exist_ok=True)
     mine = seeds if share is None else seeds[share.index :: share.count]
     journal = out / ("episodes.jsonl" if share is None else f"episodes{share.suffix}.jsonl")
@@ -122,7 +139,7 @@ def run_episodes(
     n_done = len(mine) - len(missing)
     if progress is not None:
         progress(n_done, len(mine))
-    make_worker = partial(_EpisodeRunner, protocol, out / "failures" if pictures else None)
+    make_worker = partial(_Runner, protocol, out / "failures" if pictures else None)
     with closing(run_jobs(make_worker, missing, workers)) as episodes:
         for episode in episodes:
             with journal.open("a") as file:
@@ -169,13 +186,33 @@ def _join(folder: Path, episodes: Sequence[Episode]) -> None:
         journal.unlink(missing_ok=True)
 
 
-class _EpisodeRunner:
-    """An environment and a policy, for one episode after another."""
+class _Runner:
+    """One episode after another, each error an episode of its own."""
 
     def __init__(self, protocol: Protocol, pictures: Path | None) -> None:
         import torch
 
         torch.set_num_threads(1)  # two threads on a busy machine make a small network thirty times slower
+        self._episodes: _Simulation | SocketRunner
+        if protocol.sockets is None:
+            self._episodes = _Simulation(protocol, pictures)
+        else:
+            self._episodes = SocketRunner(protocol.make_policy(), protocol.env, protocol.sockets, pictures)
+
+    def run(self, seed: int) -> Episode:
+        try:
+            return self._episodes.run(seed)
+        except Exception as error:  # of any kind: it is this episode's failure, and the others go on
+            return _failed(seed, error)
+
+    def close(self) -> None:
+        self._episodes.close()
+
+
+class _Simulation:
+    """An environment and a policy, for one episode after another."""
+
+    def __init__(self, protocol: Protocol, pictures: Path | None) -> None:
         looks = {} if pictures is None else {"render_mode": "rgb_array", "human_render_camera_configs": camera()}
         self._policy = protocol.make_policy()
         self._env = protocol.make_env(**looks)
@@ -184,13 +221,10 @@ class _EpisodeRunner:
         gc.freeze()  # ManiSkill collects garbage at each reset; what is here by now is none
 
     def run(self, seed: int) -> Episode:
-        try:
-            if self._pictures is None:
-                return run_episode(self._env, self._policy, seed)
-            watch = FailureImages(self._env, self._policy)
-            episode = run_episode(self._env, watch.policy, seed, watch.on_step)
-        except Exception as error:  # of any kind: it is this episode's failure, and the others go on
-            return _failed(seed, error)
+        if self._pictures is None:
+            return run_episode(self._env, self._policy, seed)
+        watch = FailureImages(self._env, self._policy)
+        episode = run_episode(self._env, watch.policy, seed, watch.on_step)
         if episode.outcome not in RIGHT:
             watch.save(self._pictures, seed)
         return episode

@@ -95,7 +95,7 @@ def _told_apart(cells: Sequence[Cell]) -> list[Cell]:
     result = []
     for cell in cells:
         alike = [flat_settings(other.settings) for other in cells if other.scene == cell.scene]
-        beside = [name for name in alike[0] if name != "episodes" and not name.startswith("planner.")]
+        beside = [name for name in alike[0] if name not in ("episodes", "sockets") and not name.startswith("planner.")]
         differing = [name for name in beside if len({str(each.get(name)) for each in alike}) > 1]
         settings = "".join(f", {name}={flat_settings(cell.settings).get(name)}" for name in differing)
         result.append(replace(cell, scene=cell.scene + settings))

@@ -94,6 +94,9 @@ class ParallelGripper(Protocol):
     def is_holding(self) -> bool:
         """Whether the fingers were stopped by something while they closed."""
 
+    def check(self) -> None:
+        """Raises GripperFault where it is not ready to move or reports a fault."""
+
     def move(self, width: float, speed: float, force: float) -> Motion:
         """To an opening, m, with m/s and N; what stands in the way ends the motion, which is no error."""
 

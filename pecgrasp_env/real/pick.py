@@ -15,8 +15,8 @@ import numpy as np
 
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.scripted import ScriptedPolicy
-from pecgrasp_env.real.errors import Declined, RobotError
-from pecgrasp_env.real.interfaces import Arm, DepthCamera, ParallelGripper
+from pecgrasp_env.real.errors import Declined, MotionTimeout, RobotError
+from pecgrasp_env.real.interfaces import Arm, DepthCamera, Motion, ParallelGripper
 from pecgrasp_env.real.sight import Sight
 from pecgrasp_env.real.workspace import Workspace
 from pecgrasp_env.robot.camera_mount import BRACKET, CameraMount
@@ -24,6 +24,7 @@ from pecgrasp_env.robot.gripper_linkage import MAX_SPEED
 
 STEP_S = 0.05  # between two actions, as in simulation
 _PATIENCE_S = 20.0  # of our clock, for one step
+_GRIPPER_S = 0.02  # between two looks whether the gripper is well
 _LEAST_CHANGE_M, _LEAST_CHANGE_N = 0.0003, 0.5  # of what the gripper was told last
 _LOWEST_GRIPPER_SPEED = 0.03
 _LONGEST_STEPS = 4000
@@ -148,7 +149,18 @@ class Picker:
         # What stops the fingers keeps them from where they are sent.
         self._workspace.check(q, measured, self._arm.lengths)
         self._grip(opening, force)
-        self._arm.follow(q, STEP_S).wait(_PATIENCE_S)
+        self._wait(self._arm.follow(q, STEP_S))
+
+    def _wait(self, motion: Motion) -> None:
+        """Until the arm is there; a fault of the gripper meanwhile ends it, too."""
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            self._gripper.check()
+            try:
+                return motion.wait(_GRIPPER_S)
+            except MotionTimeout:
+                if time.monotonic() > deadline:
+                    raise
 
     def _grip(self, opening: float, force: float) -> None:
         told = self._told

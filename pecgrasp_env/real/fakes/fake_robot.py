@@ -48,6 +48,7 @@ class FakeRobot:
         self.gripper = FakeRobotiq(active)
         self.controller = Controller(plant, self.gripper, version, pace)
         self.network = Network(host)
+        self.network.cut_s = _CUT_PERIODS * self.controller.period / pace
         self.bench = Network(host)  # which no fault of the cable touches
         self.at_rest_since: float | None = None
         self.fault_at: float | None = None
@@ -107,6 +108,7 @@ class FakeRobot:
         act(self)
 
 
+_CUT_PERIODS = 0.375
 AT_REST_RAD_S = (
     0.05  # a quarter of what the task calls static: the simulated joints settle with a time constant of 50 ms
 )

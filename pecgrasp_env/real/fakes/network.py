@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 _READ_BYTES = 1 << 16
-_CUT_S = 0.003  # between the two halves of a packet
 
 
 class Connection:
@@ -28,7 +27,7 @@ class Connection:
         due = time.monotonic() + self.network.lag
         halves = [data[: len(data) // 2], data[len(data) // 2 :]] if self.network.cut else [data]
         for k, part in enumerate(halves):
-            self._waiting.append((due + k * _CUT_S, part))
+            self._waiting.append((due + k * self.network.cut_s, part))
         self.flush()
 
     def flush(self) -> None:
@@ -74,11 +73,14 @@ class LineConnection(Connection):
 
 
 class Network:
-    """lag: s that everything it sends is late. cut: packets arrive in two halves. silent: a pulled cable."""
+    """lag: s that everything it sends is late. cut: packets arrive in two halves, cut_s apart, which is to be less than
+    a period: `ur_rtde` passes over a packet when the next one has begun. silent: a pulled cable.
+    """
 
     def __init__(self, host: str) -> None:
         self.host = host
         self.lag, self.cut, self.silent = 0.0, False, False
+        self.cut_s = 0.003
         self.connections: list[Connection] = []
         self._selector = selectors.DefaultSelector()
         self._listeners: list[socket.socket] = []

@@ -53,6 +53,20 @@ def test_classification_is_timed_beside_its_target_and_the_rivals() -> None:
 
 
 @pytest.mark.slow
+def test_the_way_to_an_arm_is_timed_beside_its_libraries() -> None:
+    pytest.importorskip("rtde_control", reason="pip install 'pecgrasp[ur]'")
+    pytest.importorskip("pyrealsense2", reason="pip install 'pecgrasp[realsense]'")
+    rows = run_benchmark({**SMALL, "repeats": 5, "parts": ["robot"]}, lambda line: None)["robot"]
+    assert [row["name"] for row in rows] == [
+        *("ur_rtde, its receiver", "URArm.state", "ur_rtde, servoJ", "URArm.follow"),
+        *("a bare socket", "RobotiqGripper.width"),
+        *("pyrealsense2", "RealSenseCamera, frames=1", "RealSenseCamera, frames=8"),
+    ]
+    assert [row["times_yardstick"] == 1 for row in rows] == [True, False, True, False, True, False, True, False, False]
+    assert all(row["rate"] > 0 and row["unit"] == "Hz" for row in rows)
+
+
+@pytest.mark.slow
 def test_training_is_extrapolated_from_a_few_epochs() -> None:
     lines: list[str] = []
     settings = {**SMALL, "parts": ["training"], "training_epochs": 1, "training_threads": 1, "train_at_most": 1e9}

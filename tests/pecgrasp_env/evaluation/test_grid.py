@@ -124,7 +124,7 @@ def episode(seed, outcome, **changes):
 def cell(folder, scene, planner, outcomes, wanted=None, first_seed=1, **changes):
     settings = {"scene": scene, "planner_name": planner, "env": {"classes": [scene]}, "planner": {"_target_": planner}}
     settings |= {"policy": {}, "first_seed": first_seed, "checkpoint": None, "folder": str(folder), "pictures": True}
-    settings |= {"episodes": wanted or len(outcomes), "workers": 1, "shard": None}
+    settings |= {"episodes": wanted or len(outcomes), "workers": 1, "shard": None, "sockets": None}
     directory = folder / "cells" / cell_key(settings)
     directory.mkdir(parents=True)
     lines = [json.dumps(asdict(episode(seed, OUTCOMES[k], **changes))) for seed, k in enumerate(outcomes, first_seed)]

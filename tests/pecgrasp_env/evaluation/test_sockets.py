@@ -1,0 +1,51 @@
+"""Episodes through the sockets are those of the simulation: the same scenes, judged by the same task."""
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("rtde_control", reason="pip install 'pecgrasp[ur]'")
+
+from grasping import ROBOTIQ_2F_140, CurvaturePlanner
+from pecgrasp_env.evaluation.run import EvaluationError, Protocol, run_episodes
+
+ENV = {"n_objects": 1, "classes": ["plug_adapter"], "objects": {"seed": 1000}}
+PLANNER = {"_target_": "grasping.CurvaturePlanner"}
+
+
+def too_narrow():
+    """A planner whose hand opens too little for anything."""
+    return CurvaturePlanner(replace(ROBOTIQ_2F_140, stroke=0.005), side_clearance=0.001)
+
+
+@pytest.mark.slow
+def test_the_same_seed_is_the_same_scene_and_is_lifted_alike(tmp_path):
+    seeds = [700_003, 700_004]
+    simulated = run_episodes(Protocol(ENV, None, PLANNER, {}), seeds, tmp_path / "simulation")
+    driven = run_episodes(Protocol(ENV, None, PLANNER, {}, sockets=8), seeds, tmp_path / "sockets", pictures=True)
+    for one, other in zip(simulated, driven, strict=True):
+        assert (one.seed, one.target, one.objects) == (other.seed, other.target, other.objects)
+        assert one.visible_share == pytest.approx(other.visible_share)
+        assert (one.outcome, other.outcome) == ("success", "success")
+        assert other.steps == pytest.approx(one.steps, rel=0.2)
+        assert set(other.stages) == set(one.stages)
+    assert list((tmp_path / "sockets" / "failures").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_pick_that_failed_leaves_its_frames_and_a_page(tmp_path):
+    protocol = Protocol(ENV, None, {"_target_": f"{__name__}.too_narrow"}, {"attempts": 1}, sockets=8)
+    (episode,) = run_episodes(protocol, [700_003], tmp_path, pictures=True)
+    assert episode.outcome == "no_grasp"
+    assert episode.reason.startswith("no grasp")
+    folder = tmp_path / "failures" / "700003"
+    assert {"pick.html", "outcome.json", "steps.jsonl", "frames"} <= {each.name for each in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("env", "sockets", "words"),
+    [({"absent": True}, 4, "no real arm says"), ({}, 0, "sockets=0: a pace"), ({}, -1, "sockets=-1")],
+)
+def test_what_no_arm_can_do_is_refused(env, sockets, words, tmp_path):
+    with pytest.raises(EvaluationError, match=words):
+        run_episodes(Protocol(env, None, PLANNER, {}, sockets=sockets), [1], tmp_path)
