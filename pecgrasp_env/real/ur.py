@@ -219,7 +219,9 @@ class URArm:
         try:
             self._socket.sendall((json.dumps(wish) + "\n").encode())
         except OSError as error:
-            raise ConnectionLost(f"{self._where}: the process that leads it has ended; recover()") from error
+            self._thread.join(_ENDING_S)  # what it said last may not be read yet
+            ended = ConnectionLost(f"{self._where}: the process that leads it has ended; recover()")
+            raise self._error or ended from error
 
     def _check_path(self, path: np.ndarray) -> None:
         if path.ndim != 2 or path.shape[1] != 6 or not len(path) or not np.isfinite(path).all():
