@@ -151,14 +151,15 @@ class Classifier:
         knowing, n_trained = checkpoint.knowing, len(checkpoint.classes)
         # Before the weights push all else out of the caches.
         descriptors = described(samples if knowing else [])
-        by_form = None
+        by_form, weight = None, 1.0
         if checkpoint.forms is not None:
+            weight = float(checkpoint.forms.network_weight[0])
             by_form = checkpoint.forms.log_probabilities(form_numbers(samples, descriptors if knowing else None))
         with torch_threads(1), torch.no_grad():
             # All at once: of a few clouds, the time goes into reading the weights, not into their products.
             views = torch.from_numpy(checkpoint.preprocess.views(samples))
             logits, features = self._embed(views.flatten(0, 1))
-        answers = answers_of(logits, features, descriptors, n_trained, views.shape[1], by_form)
+        answers = answers_of(logits, features, descriptors, n_trained, views.shape[1], by_form, weight)
         rows = tempered(answers.log_probabilities[:, :n_trained], checkpoint.temperature)
         known = rows.max(axis=1) if knowing is None else knowing.known(answers)
         if knowing is not None and checkpoint.enrolled.names:

@@ -35,21 +35,24 @@ _UNLIKELY = 40.0  # of a logarithm of two probabilities: beyond, float32 says no
 class Answers:
     """What is seen of B clouds. logits (B, V, O) of V views, the first `n_classes` of the O those of the known classes;
     features (B, F), mean over the views; descriptors (B, 37) of `shape_distribution.describe_cloud`; float64. by_form
-    (B, O): log probabilities by the witness of forms, where there is one."""
+    (B, O): log probabilities by the witness of forms, where there is one, and network_weight what the network counts
+    beside it."""
 
     logits: np.ndarray
     features: np.ndarray
     descriptors: np.ndarray
     n_classes: int
     by_form: np.ndarray | None = None
+    network_weight: float = 1.0
 
     @cached_property
     def log_probabilities(self) -> np.ndarray:
-        """(B, O): of the mean probability over the views, as `average_views`, times the other witness's."""
+        """(B, O): of the mean probability over the views, as `average_views`, to the power of its weight, times the
+        other witness's."""
         said = np.log(np.maximum((self._shares / self._sums).sum(axis=1) / self.logits.shape[1], _NOTHING))
         if self.by_form is None:
             return said
-        said = said + self.by_form
+        said = self.network_weight * said + self.by_form
         most = said.max(axis=1, keepdims=True)
         return said - most - np.log(np.exp(said - most).sum(axis=1, keepdims=True))
 
@@ -73,7 +76,8 @@ class Answers:
 
     def __getitem__(self, index: np.ndarray | slice) -> Answers:
         by_form = None if self.by_form is None else self.by_form[index]
-        return Answers(self.logits[index], self.features[index], self.descriptors[index], self.n_classes, by_form)
+        parts = self.logits[index], self.features[index], self.descriptors[index]
+        return Answers(*parts, self.n_classes, by_form, self.network_weight)
 
 
 def answers_of(
@@ -83,12 +87,15 @@ def answers_of(
     n_classes: int,
     n_views: int,
     by_form: np.ndarray | None = None,
+    network_weight: float = 1.0,
 ) -> Answers:
     """Of a network's outputs (B · V, O) and (B · V, F), on the CPU, for all views of B clouds, the clouds' descriptors
-    (B, 37), and what the witness of forms says of them (B, O), where there is one."""
+    (B, 37), and what the witness of forms says of them (B, O), where there is one, with the network's weight beside
+    it."""
     by_view = logits.numpy().astype(np.float64).reshape(-1, n_views, logits.shape[1])
     of_views = features.numpy().reshape(-1, n_views, features.shape[1])
-    return Answers(by_view, of_views.sum(axis=1, dtype=np.float64) / n_views, descriptors, n_classes, by_form)
+    features_of_clouds = of_views.sum(axis=1, dtype=np.float64) / n_views
+    return Answers(by_view, features_of_clouds, descriptors, n_classes, by_form, network_weight)
 
 
 def described(samples: Sequence[np.ndarray]) -> np.ndarray:

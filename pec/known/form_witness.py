@@ -1,13 +1,14 @@
 """A second witness of what a cloud is: small dense networks that read its size and the forms of its surface.
 
 The network that reads ordered points and this one err on different things, so their probabilities are multiplied, as
-those of independent evidence are. It is fitted in seconds, after the network (`pec.training.form_fit`).
+those of independent evidence are, the network's raised to what it is worth beside this one. It is fitted in seconds,
+after the network (`pec.training.form_fit`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -37,7 +38,8 @@ def form_numbers(samples: Sequence[np.ndarray], descriptors: np.ndarray | None =
 class FormWitness:
     """mean, unit (115,): numbers are standardised by these. Of M networks the weights (M, n_in, n_out) and biases
     (M, 1, n_out) of three layers, with rectified linear units between them; n_out of the last: outputs of the network
-    beside which it stands."""
+    beside which it stands. network_weight (1,): how much the logarithms of that network's probabilities count beside
+    these, as things say that neither learnt from; 1 in checkpoints of earlier versions."""
 
     mean: np.ndarray
     unit: np.ndarray
@@ -47,6 +49,7 @@ class FormWitness:
     bias_2: np.ndarray
     weights_3: np.ndarray
     bias_3: np.ndarray
+    network_weight: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     def log_probabilities(self, numbers: np.ndarray) -> np.ndarray:
         """(B, O) of numbers (B, 115): of the mean of the probabilities that the M networks give."""
@@ -66,4 +69,5 @@ class FormWitness:
     @classmethod
     def from_tensors(cls, tensors: Mapping[str, np.ndarray]) -> FormWitness:
         """The inverse of `tensors`; raises KeyError where one is missing."""
-        return cls(**{each.name: tensors[each.name] for each in fields(cls)})
+        there = {"network_weight": np.ones(1)} | dict(tensors)
+        return cls(**{each.name: there[each.name] for each in fields(cls)})

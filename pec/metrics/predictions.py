@@ -24,8 +24,8 @@ def predict_log_probabilities(
     valid: torch.Tensor,
     forms: FormWitness | None = None,
 ) -> torch.Tensor:
-    """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses, times
-    those of the witness of forms where there is one."""
+    """(B, n_classes) log-probabilities, untempered: the mean of the probabilities over the equally valid poses, to
+    the power of the network's weight times those of the witness of forms where there is one."""
     forward = fast_forward(model)
     blocks = zip(candidates.split(_BATCH), valid.split(_BATCH), strict=True)
     said = torch.cat([_of_block(forward, _views(preprocess, *block)) for block in blocks])
@@ -33,7 +33,7 @@ def predict_log_probabilities(
         return said
     pairs = zip(candidates.cpu().numpy(), valid.cpu().numpy(), strict=True)
     beside = forms.log_probabilities(form_numbers([points[there] for points, there in pairs]))
-    return (said + torch.from_numpy(beside).to(said)).log_softmax(dim=1)
+    return (float(forms.network_weight[0]) * said + torch.from_numpy(beside).to(said)).log_softmax(dim=1)
 
 
 def arrange_views(preprocess: Preprocess, candidates: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:

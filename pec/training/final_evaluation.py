@@ -6,17 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from pec.checkpoint import Checkpoint, read_checkpoint, read_training_state, write_checkpoint
 from pec.data.augment import augment
 from pec.data.tensor_dataset import PreparedClouds
+from pec.known.form_witness import FormWitness
 from pec.metrics.calibration import fit_temperature
 from pec.metrics.predictions import among_known, predict_log_probabilities
 from pec.metrics.scores import Scores, score
 from pec.training.config import TrainConfig
 from pec.training.costs import measure_costs
-from pec.training.form_fit import fit_witness
+from pec.training.form_fit import fit_witness, network_weight, numbers_of
 from pec.training.knowing_fit import figures_on_test, with_knowing
 from pec.training.run_data import RunData
 from pec.training.tensorboard import Tracker
@@ -40,7 +42,7 @@ def report(output: Path, config: TrainConfig, data: RunData) -> dict[str, Any]:
             checkpoint = read_checkpoint(output / name)
             checkpoint.model.to(known.candidates.device)
             checkpoint = replace(checkpoint, forms=witness)
-            checkpoint = with_knowing(calibrated(checkpoint, config, data.selection), data)
+            checkpoint = with_knowing(calibrated(checkpoint, config, data), data)
             write_checkpoint(output / name, checkpoint, state)
             log_probabilities = _predict(checkpoint, data.test)
             scores = score(log_probabilities, data.test.labels, checkpoint.temperature, data.n_known)
@@ -55,6 +57,7 @@ def report(output: Path, config: TrainConfig, data: RunData) -> dict[str, Any]:
                 "test_confusion": scores.confusion,
                 "test_calibration_error": scores.calibration_error,
                 "temperature": checkpoint.temperature,
+                **_weights(checkpoint),
                 **figures_on_test(checkpoint, data),
             }
             tracker.final(name, checkpoint, scores)
@@ -66,17 +69,40 @@ def report(output: Path, config: TrainConfig, data: RunData) -> dict[str, Any]:
     return {**results, "costs": costs}
 
 
-def calibrated(checkpoint: Checkpoint, config: TrainConfig, selection: PreparedClouds) -> Checkpoint:
-    """With the temperature fitted on the selection split as it may be met: augmented like the training split.
+def calibrated(checkpoint: Checkpoint, config: TrainConfig, data: RunData) -> Checkpoint:
+    """With what the network counts beside the witness of forms fitted on the calibration split, and the temperature on
+    the selection split, as they may be met: augmented like the training split.
 
     On undamaged clouds of known instances nearly every answer is right, and no confidence would be too high.
     """
     generator = torch.Generator().manual_seed(config.seed)
-    points, valid = augment(selection.candidates, selection.valid, config.augment, generator)
-    augmented = replace(selection, candidates=points, valid=valid).of_known(len(checkpoint.classes))
+    augmented = _damaged(data.selection, config, generator).of_known(len(checkpoint.classes))
+    if checkpoint.forms is not None:
+        checkpoint = replace(checkpoint, forms=_weighed(checkpoint, _damaged(data.calibration, config, generator)))
     log_probabilities = among_known(_predict(checkpoint, augmented), len(checkpoint.classes))
     temperature = fit_temperature(log_probabilities, augmented.labels)
     return replace(checkpoint, temperature=temperature)
+
+
+def _weights(checkpoint: Checkpoint) -> dict[str, float]:
+    """What results.json says of the two witnesses, where there are two."""
+    return {} if checkpoint.forms is None else {"network_weight": float(checkpoint.forms.network_weight[0])}
+
+
+def _damaged(clouds: PreparedClouds, config: TrainConfig, generator: torch.Generator) -> PreparedClouds:
+    points, valid = augment(clouds.candidates, clouds.valid, config.augment, generator)
+    return replace(clouds, candidates=points, valid=valid)
+
+
+def _weighed(checkpoint: Checkpoint, clouds: PreparedClouds) -> FormWitness:
+    """The checkpoint's witness with the network's weight beside it, by clouds of things that neither learnt from; by
+    strangers, too, where there is an output for them."""
+    assert checkpoint.forms is not None
+    clouds = clouds.of_known(checkpoint.n_outputs)
+    by_network = _predict(replace(checkpoint, forms=None), clouds).cpu().double().numpy()
+    by_form = checkpoint.forms.log_probabilities(numbers_of(clouds.candidates, clouds.valid))
+    weight = network_weight(by_network, by_form, clouds.labels.cpu().numpy(), clouds.things.cpu().numpy())
+    return replace(checkpoint.forms, network_weight=np.array([weight]))
 
 
 def _scores(checkpoint: Checkpoint, clouds: PreparedClouds) -> Scores:

@@ -13,7 +13,7 @@ from pec.data.tensor_dataset import PreparedClouds
 from pec.known.form_witness import FormWitness, form_numbers
 from pec.training.schedule import warm_cosine
 
-__all__ = ["fit_witness", "numbers_of"]
+__all__ = ["fit_witness", "network_weight", "numbers_of"]
 
 _MEMBERS = 3
 _WIDTH = 160
@@ -23,6 +23,8 @@ _BATCH, _PASSES, _MOST_STEPS = 128, 40, 6000
 _RATE, _DECAY, _SMOOTHING = 0.002, 0.01, 0.1
 _NOISE = 0.05  # standard deviation that is added to each standardised number
 _TOGETHER = 1024  # clouds that are damaged at once: bounds memory
+_MOST_WEIGHT = 4.0
+_EQUAL = 1.0  # strength of the belief that both witnesses are worth the same, against the things that are looked at
 
 
 def numbers_of(candidates: torch.Tensor, valid: torch.Tensor) -> np.ndarray:
@@ -57,6 +59,33 @@ def fit_witness(training: PreparedClouds, n_outputs: int, damage: Augment, seed:
         layers[f"weights_{number}"] = np.ascontiguousarray(weights)  # as read from a file: sums in the same order
         layers[f"bias_{number}"] = np.stack([layer.bias.detach().numpy()[None] for layer in linear])
     return FormWitness(mean.astype(np.float32), unit.astype(np.float32), **layers)
+
+
+def network_weight(by_network: np.ndarray, by_form: np.ndarray, labels: np.ndarray, things: np.ndarray) -> float:
+    """How much the network's log probabilities (n, O) count beside the witness's (n, O), in [0, 4].
+
+    The weights of both that make the true labels (n,) likeliest, of which only the ratio matters where a temperature
+    follows. Each of the things (n,) counts once. One witness may be far behind: a network after few steps.
+    """
+    from scipy.optimize import minimize  # slow to import, and only training fits
+
+    _, place, counts = np.unique(things, return_inverse=True, return_counts=True)
+    share = 1 / counts[place.reshape(-1)]
+    said = np.stack([by_network, by_form])
+    true = said[:, np.arange(len(labels)), labels]
+
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        joined = np.tensordot(weights, said, 1)
+        joined -= joined.max(axis=1, keepdims=True)
+        shares = np.exp(joined)
+        total = shares.sum(axis=1, keepdims=True)
+        value = (share * (np.log(total[:, 0]) - joined[np.arange(len(labels)), labels])).sum()
+        slope = (share * ((said * (shares / total)).sum(axis=2) - true)).sum(axis=1)
+        apart = weights[0] - weights[1]
+        return value + 0.5 * _EQUAL * apart**2, slope + _EQUAL * apart * np.array([1.0, -1.0])
+
+    network, form = minimize(loss, np.ones(2), jac=True, method="L-BFGS-B", bounds=[(0.0, _MOST_WEIGHT)] * 2).x
+    return float(min(network / max(form, 1e-3), _MOST_WEIGHT))
 
 
 def _trained(inputs: torch.Tensor, labels: torch.Tensor, n_outputs: int, generator: torch.Generator) -> nn.Sequential:

@@ -55,6 +55,7 @@ def with_knowing(checkpoint: Checkpoint, data: RunData) -> Checkpoint:
 def answers_on(checkpoint: Checkpoint, clouds: PreparedClouds) -> Answers:
     """What the checkpoint's network, on the device of the clouds, says of them as they are."""
     embed = fast_embed(checkpoint.model)
+    weight = 1.0 if checkpoint.forms is None else float(checkpoint.forms.network_weight[0])
     parts = []
     for begin in range(0, len(clouds), _BATCH):
         block = clouds.subset(torch.arange(begin, min(begin + _BATCH, len(clouds))))
@@ -66,7 +67,7 @@ def answers_on(checkpoint: Checkpoint, clouds: PreparedClouds) -> Answers:
         ]
         descriptors, n_classes, forms = described(samples), len(checkpoint.classes), checkpoint.forms
         by_form = None if forms is None else forms.log_probabilities(form_numbers(samples, descriptors))
-        parts.append(answers_of(logits.cpu(), features.cpu(), descriptors, n_classes, views.shape[1], by_form))
+        parts.append(answers_of(logits.cpu(), features.cpu(), descriptors, n_classes, views.shape[1], by_form, weight))
     by_forms = [part.by_form for part in parts if part.by_form is not None]
     return Answers(
         np.concatenate([part.logits for part in parts]),
@@ -74,6 +75,7 @@ def answers_on(checkpoint: Checkpoint, clouds: PreparedClouds) -> Answers:
         np.concatenate([part.descriptors for part in parts]),
         len(checkpoint.classes),
         np.concatenate(by_forms) if by_forms else None,
+        weight,
     )
 
 

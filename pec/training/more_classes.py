@@ -80,7 +80,7 @@ def fit(
         )
         if checkpoint.forms is not None:
             more = replace(more, forms=fit_witness(joined.training, len(joined.classes), config.augment, seed))
-        return Classifier(with_knowing(calibrated(more, config, joined.selection), joined), seed)
+        return Classifier(with_knowing(calibrated(more, config, joined), joined), seed)
 
 
 def epochs_for(n_clouds: int) -> int:

@@ -17,7 +17,7 @@ from pec.known.surface_forms import N_FORMS, reference, surface_forms
 from pec.metrics.predictions import predict_log_probabilities
 from pec.networks.pec import PEC
 from pec.preprocessing.preprocess import Preprocess
-from pec.training.form_fit import fit_witness
+from pec.training.form_fit import fit_witness, network_weight
 from tests.pec.conftest import CLASSES, shape
 
 CANONICAL = Preprocess(n_candidates=128, start="farthest", pose="principal", ordering="anchors")
@@ -109,3 +109,33 @@ def test_answers_multiply_the_witnesses_too():
     product = np.array([0.5 * 0.2, 0.25 * 0.7, 0.25 * 0.1])
     assert np.exp(answers.log_probabilities) == pytest.approx(product[None] / product.sum())
     assert np.exp(answers[0:1].log_probabilities) == pytest.approx(np.exp(answers.log_probabilities))
+
+
+def test_what_the_network_counts_is_what_it_is_worth_on_unseen_things():
+    rng = np.random.default_rng(0)
+    labels, things = np.arange(300) % 3, np.arange(300) // 2
+    knows, guesses = (s * np.eye(3)[labels] + rng.normal(size=(300, 3)) for s in (3.0, 0.0))
+    alike = knows + rng.normal(size=(300, 3))
+    assert network_weight(guesses, knows, labels, things) < 0.1
+    assert network_weight(knows, guesses, labels, things) == 4.0  # the most
+    assert network_weight(knows, knows, labels, things) == pytest.approx(1.0)
+    assert 0.0 < network_weight(alike, knows, labels, things) < 1.0
+
+
+def test_the_network_of_a_checkpoint_counts_as_much_as_was_fitted_and_once_in_an_older_one(prepared, tmp_path):
+    witness = replace(fit_witness(prepared, 3, Augment()), network_weight=np.array([0.3]))
+    torch.manual_seed(0)
+    alone = Checkpoint(PEC(64, 3).eval(), list(CLASSES), CANONICAL, 1.0, 1)
+    write_checkpoint(tmp_path / "both", replace(alone, forms=witness))
+    read = read_checkpoint(tmp_path / "both")
+    clouds = prepared.candidates[::10], prepared.valid[::10]
+    by_form = torch.from_numpy(witness.log_probabilities(form_numbers(list(clouds[0].numpy()))))
+    by_network = predict_log_probabilities(alone.model, CANONICAL, *clouds).double()
+    expected = (0.3 * by_network + by_form).log_softmax(dim=1)
+    assert torch.allclose(
+        predict_log_probabilities(read.model, CANONICAL, *clouds, read.forms).double(), expected, atol=1e-5
+    )
+    answers = Answers(by_network.numpy()[:, None], np.zeros((9, 2)), np.zeros((9, 37)), 3, by_form.numpy(), 0.3)
+    assert answers.log_probabilities == pytest.approx(expected.numpy(), abs=1e-5)
+    of_older = {name: values for name, values in witness.tensors().items() if name != "network_weight"}
+    assert FormWitness.from_tensors(of_older).network_weight == pytest.approx([1.0])
