@@ -17,6 +17,7 @@ IntArray = NDArray[np.int32]
 
 SAME_SIDE = 0.5  # least cosine between the normals of two partners
 ALONG = 0.02  # weight of the distance between partners, beside that to the tangent plane
+RESTS = 1e-6  # m and rad: a pose that the last gate moves by less has come to rest
 DAMPED = 1e-6  # of the normal equations' trace: a plane seen alone does not fly away
 
 
@@ -60,6 +61,7 @@ def align(
 ) -> FloatArray:
     """T_scene_object (H, 4, 4) after one step a gate (m), beyond which points have no partner, from `start`.
 
+    Where the last gate comes several times a pose that has come to rest stays.
     points, normals: (S, 3) of the scene, seen from outside.
     """
     T = np.ascontiguousarray(start, dtype=np.float64).copy()
@@ -71,12 +73,17 @@ def align(
             *(np.ascontiguousarray(points), np.ascontiguousarray(normals), gates, T),
         )
         return T
+    moving = np.arange(len(T))
     for gate in gates:
-        T = _step(grid, points, normals, T, float(gate))
+        step = _step(grid, points, normals, T[moving], float(gate))
+        T[moving] = moved_back(T[moving], step, grid.centre)
+        if gate == gates[-1]:
+            moving = moving[(np.abs(step) >= RESTS).any(axis=1)]
     return T
 
 
 def _step(grid: SurfaceGrid, points: FloatArray, normals: FloatArray, T: FloatArray, gate: float) -> FloatArray:
+    """(H, 6) by which the object frame's points are to be moved, as `moved_back` takes it."""
     partner, place = partners(grid, points, normals, T)
     q, n = grid.points[partner], grid.normals[partner]
     e = [place[..., i] - q[..., i] for i in range(3)]
@@ -101,7 +108,7 @@ def _step(grid: SurfaceGrid, points: FloatArray, normals: FloatArray, T: FloatAr
             b[:, i] += np.add.accumulate(weighted * residual, axis=1)[:, -1]
             for j in range(i + 1):
                 A[:, i, j] += np.add.accumulate(weighted * jacobian[j], axis=1)[:, -1]
-    return moved_back(T, solved(A, b), grid.centre)
+    return solved(A, b)
 
 
 def solved(A: FloatArray, b: FloatArray) -> FloatArray:

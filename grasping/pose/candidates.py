@@ -110,5 +110,6 @@ def on_surface(prepared: PreparedModel, sought: Sought, T: FloatArray) -> tuple[
 def refined(prepared: PreparedModel, sought: Sought, T: FloatArray, reach: float, steps: int) -> Judged:
     """The poses after alignment within a reach (m) that shrinks to twice the tolerance, judged."""
     last = 2.0 * sought.tolerance
-    T = align(prepared.grid, sought.points, sought.normals, T, np.geomspace(max(reach, last), last, steps))
+    gates = np.geomspace(reach, last, steps) if reach > last else np.full(steps, last)
+    T = align(prepared.grid, sought.points, sought.normals, T, gates)
     return judge(prepared, sought, T)

@@ -150,6 +150,11 @@ void align_poses(const Grid *grid, const double *points, const double *normals, 
             }
             solve(sum, right, step);
             move_back(T, step, grid->centre);
+            int rests = gate == gates[steps - 1];
+            for (int i = 0; i < 6; i++)
+                rests = rests && fabs(step[i]) < RESTS;
+            if (rests)
+                break;
         }
     }
 }

@@ -15,6 +15,7 @@
 #define SIDES 6
 #define SAME_SIDE 0.5    /* as in alignment.py */
 #define ALONG 0.02       /* likewise */
+#define RESTS 1e-6       /* likewise */
 #define DAMPED 1e-6      /* likewise */
 #define GRAZING 0.2      /* as in sight_check.py */
 #define STEEP 0.35       /* likewise */

@@ -45,6 +45,7 @@ def cases() -> dict[str, Callable[[], np.ndarray]]:
     return {
         "vote": lambda: vote(prepared.table, pairs, len(sample[0]), 3),
         "align": lambda: align(prepared.grid, points, normals, poses, np.array([0.03, 0.02, 0.01])),
+        "align until it rests": lambda: align(prepared.grid, points, normals, poses, np.full(40, 0.02)),
         "partners": lambda: partners(prepared.grid, points, normals, poses)[0],
         "places": lambda: partners(prepared.grid, points, normals, poses)[1],
         "normals": lambda: normals_at(points, cloud, 12),
@@ -70,6 +71,14 @@ def test_alignment_brings_a_pose_that_is_off_home() -> None:
     for before, after in zip(start, align(prepared.grid, points, normals, start, np.full(60, 0.02)), strict=True):
         assert off(prepared.model, after, T) < min(0.0015, off(prepared.model, before, T))
         np.testing.assert_allclose(after[:3, :3] @ after[:3, :3].T, np.eye(3), atol=1e-9)
+
+
+def test_a_pose_at_rest_stays_whatever_steps_are_left() -> None:
+    prepared, T = PreparedModel(model_of("stone")), pose(2)
+    points, normals = seen_surface(cut_out("stone", T), EYE, 0.005)
+    start = near(T, 4, 0.08, 0.006)
+    some, many = (align(prepared.grid, points, normals, start, np.full(count, 0.02)) for count in (200, 400))
+    np.testing.assert_array_equal(some, many)
 
 
 def test_a_model_is_seen_where_it_is_and_stands_before_hides_behind_or_lies_beside_elsewhere() -> None:
