@@ -9,9 +9,10 @@ import torch
 
 from pec.training.config import TrainConfig
 
-__all__ = ["doubts", "threshold_doubts"]
+__all__ = ["doubts", "threshold_doubts", "witness_doubts"]
 
 _LEARNT = 0.3  # of the way from chance to all right
+_COUNTS = 0.05  # as log probabilities beside the other witness's
 _EVALUATED, _UNSEEN = (
     0.67,
     0.25,
@@ -46,6 +47,18 @@ def doubts(
             "them. Way out: more objects a class (instances_per_class) and more clouds of each, augment=tabletop"
         ]
     return []
+
+
+def witness_doubts(best: Mapping[str, Any]) -> list[str]:
+    """A sentence where the witness of forms answers nearly alone. best: the checkpoint's part of results.json."""
+    weight = best.get("network_weight", 1.0)
+    if weight >= _COUNTS:
+        return []
+    return [
+        "what the network says of things that it has not seen is worth nothing beside the witness of forms "
+        f"(network_weight {weight:.2f}), which answers nearly alone: it learnt nothing, or needs more steps. Way out: "
+        "another seed, a larger protocol.batch_size, more protocol.epochs"
+    ]
 
 
 def threshold_doubts(seen: Sequence[str]) -> list[str]:

@@ -21,7 +21,7 @@ from pec.metrics.predictions import arrange_views, log_probabilities
 from pec.metrics.scores import score
 from pec.networks.baselines import Memorising
 from pec.training.config import TrainConfig, read_config
-from pec.training.doubts import doubts, threshold_doubts
+from pec.training.doubts import doubts, threshold_doubts, witness_doubts
 from pec.training.epoch import EpochResult, Epochs, memorise
 from pec.training.epoch_bar import epoch_bar
 from pec.training.final_evaluation import report
@@ -120,6 +120,7 @@ def _results(config: TrainConfig, state: RunState, data: RunData, device: torch.
             *doubts(
                 config, data.training.of_known(data.n_known).labels, state.history["train_accuracy"], results["best"]
             ),
+            *witness_doubts(results["best"]),
             *(threshold_doubts(data.seen) if honest else ()),
         ],
         "threshold_on_seen": data.seen,

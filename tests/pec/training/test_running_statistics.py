@@ -6,7 +6,7 @@ from torch import nn
 
 from pec.errors import ConfigError
 from pec.training.config import read_config
-from pec.training.doubts import doubts
+from pec.training.doubts import doubts, witness_doubts
 from pec.training.loop import train
 from pec.training.running_statistics import without_their_start
 
@@ -81,6 +81,12 @@ def test_chance_where_there_was_learning_is_said(in_training, train, unseen, sai
     sentences = doubts(config, torch.arange(4).repeat(10), [0.2, in_training], best)
     assert len(sentences) == (said is not None)
     assert all(sentence.startswith(said) and "protocol.running" not in sentence for sentence in sentences)
+
+
+def test_a_network_that_is_worth_nothing_beside_the_witness_is_said():
+    (sentence,) = witness_doubts({"network_weight": 0.0})
+    assert "network_weight 0.00" in sentence
+    assert witness_doubts({"network_weight": 0.31}) == witness_doubts({}) == []  # without a witness there is no weight
 
 
 def test_one_cloud_at_a_time_is_refused():
