@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import socket
 import sys
 import time
@@ -34,6 +35,7 @@ _POLL_S = 0.001
 _LOOKAHEAD_S, _GAIN = 0.03, 300.0  # of servoj: the least smoothing that it takes
 _WATCHDOG_HZ = 4.0  # the arm stands long before: this ends the program, too
 _STOP_DECELERATION = 8.0
+_ENDING_S = 3  # for the last stop, once nobody is there to lead for
 _DASHBOARD_PORT = 29999
 _REMOTE_SINCE = (5, 6)  # the PolyScope version from which on there is a local and a remote mode
 
@@ -244,6 +246,9 @@ def main(descriptor: int) -> None:
         lead(leader, voice)
     except EOFError:
         if leader is not None:
+            # The library waits without an end for a controller that is gone, and holds Python's lock.
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(_ENDING_S)
             leader.stop()
 
 

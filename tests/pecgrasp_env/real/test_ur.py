@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,7 +194,7 @@ import sys
 from pecgrasp_env.real.ur import URArm
 arm = URArm(sys.argv[1])
 arm.move_joints(arm.state.q + [3.0, 0, 0, 0, 0, 0])
-print("moves", flush=True)
+print(arm._process.pid, flush=True)
 input()
 """
 
@@ -203,7 +204,7 @@ def test_the_arm_stops_when_the_users_program_is_killed(bench):
     client = subprocess.Popen(
         [sys.executable, "-c", _CLIENT, bench.host], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert client.stdout.readline() == "moves\n"
+    assert int(client.stdout.readline()) > 0
     deadline = time.monotonic() + WAIT_S
     while bench.state["at_rest_since"] is not None:
         assert time.monotonic() < deadline
@@ -214,6 +215,22 @@ def test_the_arm_stops_when_the_users_program_is_killed(bench):
         assert time.monotonic() < deadline
     assert state["at_rest_since"] - before < REST_S
     assert state["q"][0] < HOME[0] + 2.9
+
+
+def test_no_process_is_left_behind_where_program_and_cable_are_gone(bench):
+    bench.ask(reset=0)
+    client = subprocess.Popen(
+        [sys.executable, "-c", _CLIENT, bench.host], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    leader = Path(f"/proc/{int(client.stdout.readline())}")
+    bench.provoke("connection_silent")
+    client.kill()
+    client.communicate()
+    deadline = time.monotonic() + WAIT_S
+    while leader.exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    bench.provoke("none")
 
 
 def test_no_socket_is_left_behind(bench):
