@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from pecgrasp_env.common.outcomes import OUTCOME_WORDS
 from pecgrasp_env.common.video import Film, compose
 from pecgrasp_env.demo.episode_record import ClassifiedObject, EpisodeRecord, save_record
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, run_episode
+from pecgrasp_env.evaluation.episode import run_episode
 from pecgrasp_env.evaluation.recording_policy import Sight, Watched
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.sensor import deproject

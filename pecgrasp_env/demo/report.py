@@ -17,8 +17,8 @@ from pec.common.atomic_files import write_whole
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import bars, confusion_matrix, curves, number
 from pecgrasp_env.common.html_report import Share, Tile, jpeg_uri, report_page
+from pecgrasp_env.common.outcomes import OUTCOME_WORDS
 from pecgrasp_env.demo.episode_record import EpisodeRecord
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS
 
 UP = (0.0, 0.0, 1.0)  # of the robot's base frame, in which records are
 _FIGURE_POINTS = 12_000  # 60 kB a figure

@@ -13,25 +13,6 @@ from pecgrasp_env.envs.selective_grasp import SelectiveGraspEnv
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.pick_planner import NOT_FOUND
 
-# What each outcome is called, and its tone: well, badly (it did harm), or without success.
-OUTCOME_WORDS = {
-    "success": ("lifted", "good"),
-    "wrong_object": ("wrong object lifted", "bad"),
-    "off_table": ("pushed off the table", "bad"),
-    "dropped": ("dropped", "warn"),
-    "no_object": ("not found", "warn"),
-    "no_grasp": ("no grasp found", "warn"),
-    "missed": ("not held", "warn"),
-    "timeout": ("out of time", "warn"),
-    "error": ("program error", "bad"),
-    "absent": ("rightly said not to be there", "good"),
-    "denied": ("wrongly said not to be there", "bad"),
-    "stranger": ("stranger lifted", "bad"),
-}
-OUTCOMES = tuple(OUTCOME_WORDS)
-RIGHT = tuple(name for name, (_, tone) in OUTCOME_WORDS.items() if tone == "good")
-# Only with strangers on the table, or where the asked-for class may be absent.
-RARE = ("absent", "denied", "stranger")
 _SETTLING_STEPS = 20  # after the policy is done: what it holds must come to rest, or fall
 
 

@@ -9,7 +9,8 @@ from typing import Any
 from pec.experiments.chart_files import inline_svg
 from pec.experiments.charts import bars
 from pecgrasp_env.common.html_report import Share, Tile, data_uri, report_page
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
+from pecgrasp_env.common.outcomes import OUTCOME_WORDS, OUTCOMES
+from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.failure_images import KINDS
 from pecgrasp_env.evaluation.grid import Cell
 from pecgrasp_env.evaluation.paired_tests import ALL

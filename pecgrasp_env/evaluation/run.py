@@ -22,8 +22,9 @@ import gymnasium as gym
 
 from pec.common.atomic_files import write_whole
 from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.common.outcomes import RIGHT
 from pecgrasp_env.common.render_pool import run_jobs
-from pecgrasp_env.evaluation.episode import RIGHT, Episode, run_episode
+from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.failure_images import FailureImages, camera
 from pecgrasp_env.evaluation.sockets import SocketRunner
 from pecgrasp_env.policy.scripted import ScriptedPolicy

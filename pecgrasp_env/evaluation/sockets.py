@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pecgrasp_env.common.outcomes import RIGHT
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
-from pecgrasp_env.evaluation.episode import RIGHT, Episode, outcome_of
+from pecgrasp_env.evaluation.episode import Episode, outcome_of
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.real.errors import Declined

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pec.metrics.proportions import wilson_interval
-from pecgrasp_env.evaluation.episode import OUTCOMES, RIGHT, Episode
+from pecgrasp_env.common.outcomes import OUTCOMES, RIGHT
+from pecgrasp_env.evaluation.episode import Episode
 
 
 def lifted(episode: Episode) -> bool:

@@ -13,7 +13,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from pec.common.run_identity import flat_settings
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, RARE, Episode
+from pecgrasp_env.common.outcomes import OUTCOME_WORDS, OUTCOMES, RARE
+from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.grid import Cell, read_cells
 from pecgrasp_env.evaluation.paired_tests import ALL, Comparison, compare
 from pecgrasp_env.evaluation.summary import lifted, lifted_at_once, share, summarise

@@ -24,8 +24,9 @@ import numpy as np
 
 from pec.common.atomic_files import replacing, write_json
 from pec.common.run_identity import first_difference
+from pecgrasp_env.common.outcomes import RIGHT
 from pecgrasp_env.common.render_pool import run_jobs
-from pecgrasp_env.evaluation.episode import RIGHT, Episode, run_episode
+from pecgrasp_env.evaluation.episode import Episode, run_episode
 from pecgrasp_env.evaluation.run import Protocol
 from pecgrasp_env.evaluation.summary import summarise
 from pecgrasp_env.learning.control_modes import CONTROL_MODES, from_joint_targets

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pecgrasp_env.common.outcomes import RIGHT
 from pecgrasp_env.learning.lerobot_format import DemoEpisode, ExportError
 
 FPS = 20  # control steps a second, in simulation and on an arm at speed=1
@@ -51,8 +52,6 @@ def task_of(target: str) -> str:
 
 def _simulated(path: Path, depth: bool) -> Iterator[DemoEpisode]:
     import h5py  # type: ignore[import-untyped]
-
-    from pecgrasp_env.evaluation.episode import RIGHT  # picks of an arm are exported without a simulator
 
     info = json.loads(path.with_suffix(".json").read_text())
     pictures = _replayed(path) if depth else {}

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from grasping.grasp import Grasp, GraspPlan, RegionReport
+from pecgrasp_env.common.outcomes import OUTCOME_WORDS, OUTCOMES
 from pecgrasp_env.demo.episode_record import ClassifiedObject, EpisodeRecord, load_record, save_record
 from pecgrasp_env.demo.report import ClassifierRecord, ReportRecord, render, stage_times, write_report
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
+from pecgrasp_env.evaluation.episode import Episode
 
 HOSTILE = '</script><b>"it\'s" & co</b><!--'
 

@@ -19,7 +19,8 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from grasping import CurvaturePlanner
-from pecgrasp_env.evaluation.episode import OUTCOME_WORDS, OUTCOMES, Episode
+from pecgrasp_env.common.outcomes import OUTCOME_WORDS, OUTCOMES
+from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.grid import cell_key, read_cells, run_cell
 from pecgrasp_env.evaluation.hydra_callback import write_evaluation
 from pecgrasp_env.evaluation.page import render

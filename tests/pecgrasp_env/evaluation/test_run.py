@@ -9,8 +9,9 @@ import pytest
 import trimesh
 
 from pecgrasp_env.common.job_share import JobShare
+from pecgrasp_env.common.outcomes import OUTCOMES
 from pecgrasp_env.envs.validation import TaskError
-from pecgrasp_env.evaluation.episode import OUTCOMES, Episode
+from pecgrasp_env.evaluation.episode import Episode
 from pecgrasp_env.evaluation.run import EvaluationError, Protocol, read_episodes, run_episodes
 from pecgrasp_env.evaluation.summary import summarise, table
 

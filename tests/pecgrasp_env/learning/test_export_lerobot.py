@@ -3,6 +3,7 @@
 import importlib.util
 import io
 import json
+import subprocess
 import sys
 
 import h5py
@@ -166,6 +167,19 @@ def test_what_cannot_be_exported_is_named(demos, tmp_path):
         export(f"source={demos}", f"out={demos}")
     with pytest.raises(ExportError, match="no episode"):
         write_data_set(tmp_path / "none", [], FPS, "ur5", {})
+
+
+def test_simulated_episodes_are_exported_without_a_simulator(demos):
+    """As with `pip install '.[lerobot]'` alone."""
+    program = (
+        "import sys\n"
+        "sys.modules.update(dict.fromkeys(['torch', 'sapien', 'mani_skill', 'gymnasium', 'trimesh', 'tqdm']))\n"
+        "from pathlib import Path\n"
+        "from pecgrasp_env.learning.export_lerobot import read_episodes\n"
+        "print(len(list(read_episodes(Path(sys.argv[1])))))"
+    )
+    ended = subprocess.run([sys.executable, "-c", program, str(demos)], capture_output=True, text=True)
+    assert ended.stdout == "2\n", ended.stderr
 
 
 @pytest.mark.skipif(
