@@ -16,34 +16,25 @@ from numpy.typing import ArrayLike
 
 from grasping import ROBOTIQ_2F_140, CurvaturePlanner, Segmenter
 from pecgrasp_env.motion.clearance import path_past
-from pecgrasp_env.motion.grasp_approach import Approach
-from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
 from pecgrasp_env.policy.crowd import borne_by
 from pecgrasp_env.policy.grip_force import grip_force
+from pecgrasp_env.policy.holding import LIFT_SPEED, lift, put_down, take_hold, tipped_lift
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
 from pecgrasp_env.policy.perception import View, still_there
 from pecgrasp_env.policy.pick_planner import NOT_FOUND, PickPlanner
 from pecgrasp_env.policy.planned_pick import PlannedPick
-from pecgrasp_env.policy.put_down import plan_put_down
 from pecgrasp_env.policy.seen_objects import SeenObject
-from pecgrasp_env.policy.tip_off import TippedLift, plan_tipped_lift
+from pecgrasp_env.policy.tip_off import TippedLift
 from pecgrasp_env.policy.viewpoints import look_postures, posture_above, posture_beside
 from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
-from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, UP
+from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 
 _WAITING_FORCE_N = 60.0  # of a gripper that holds nothing
-_APPROACH_SPEED = 0.5
-_LIFT_SPEED = 0.6
-_EMPTY_OPENING_M = 0.002  # the thinnest thing that counts as held
-_LEAST_FORCE_N = 2.0  # between the pads; the grip's own limit is never below 10 N
-_LOST_SHARE = 0.5  # of the opening with which it was first held
 _MOST_CLEARED = 8
 _MOST_SURVEYS = 2  # in which nothing was found: a third one shows the same
-_SLIDING_S = 0.5  # for what lies on a tipped object to slide off
-_TOO_WIDE_M = 0.020  # beyond the planned width: there is something else between the pads
 
 
 class ScriptedPolicy:
@@ -216,21 +207,23 @@ class ScriptedPolicy:
             self.log.grasp = approach.grasp
             slipped = any(failure.startswith("lost") for failure in self.log.failures)
             arm.force = grip_force(taken.points, views[-1].plane, slipped)
-            failure, observation = yield from self._grasp(arm, approach, observation)
+            failure, observation = yield from take_hold(arm, self.log, approach, observation)
             tipped: TippedLift | None = None
             if failure is None and upon:
-                failure, tipped = self._tipped(arm, approach, taken, upon, others, views[-1])
+                failure, tipped = tipped_lift(arm, self.log, approach, taken, upon, others, views[-1])
             if failure is None:
-                failure, lift, observation = yield from self._lift(arm, approach, tipped, observation)
+                failure, lifted, observation = yield from lift(arm, self.log, approach, tipped, observation)
             if failure is None and still_there(taken, observation, views[-1].plane):
                 failure = "it is still on the table"
-                observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
+                observation = yield from arm.go(lifted[::-1], observation, opening=0.0, speed=LIFT_SPEED)
             if failure is None and not pick.clears:
                 self.log.lifted = True
                 self.log.doing = "holding it"
                 return
             if failure is None:
-                failure, observation = yield from self._put_down(arm, taken, lift, views, observation)
+                failure, observation = yield from put_down(
+                    arm, self.log, taken, lifted, views, self.arm_lengths, observation
+                )
             if failure is None:
                 continue
             self.log.failures.append(failure)
@@ -282,25 +275,6 @@ class ScriptedPolicy:
             k -= 1  # askew, what touches has a jump between, and another side says more of the class than the same one
         return self._look_from[(len(self.log.failures) + k) % len(self._look_from)]
 
-    def _put_down(
-        self, arm: ArmSteps, held: SeenObject, lift: np.ndarray, views: list[View], observation: RobotObservation
-    ) -> Steps:
-        """Carry what is held to the free table and let go. Returns why that failed, or None, and the observation."""
-        self.log.doing = "putting it down beside"
-        plane = np.append(UP, 0.0) if views[-1].plane is None else views[-1].plane
-        seen = np.concatenate([view.surface for view in views])
-        try:
-            way = plan_put_down(held.points, lift[0], observation.q, observation.opening, seen, plane, self.arm_lengths)
-        except MotionError as error:
-            observation = yield from arm.go(lift[::-1], observation, opening=0.0, speed=_LIFT_SPEED)
-            return f"no place to put down what lies on it: {error}", observation
-        observation = yield from arm.go(way.over, observation, opening=0.0, speed=_LIFT_SPEED)
-        observation = yield from arm.lower(way.down, observation)
-        observation = yield from arm.let_go(observation, way.opening)
-        observation = yield from arm.rise(observation)
-        self.log.cleared += 1
-        return None, observation
-
     def _path(
         self, objects: list[SeenObject], view: View | None, q_start: np.ndarray, q_goal: np.ndarray
     ) -> np.ndarray:
@@ -309,68 +283,3 @@ class ScriptedPolicy:
             return np.stack([q_start, q_goal])
         seen = np.concatenate([view.obstacles, *(each.points for each in objects)])
         return path_past(seen, view.plane, q_start, q_goal, self.arm_lengths)
-
-    def _grasp(self, arm: ArmSteps, approach: Approach, observation: RobotObservation) -> Steps:
-        """Go there and close. Returns why it failed, or None, and the last observation: whether something is held is
-        read off the opening and the force, as on the real gripper.
-        """
-        self.log.doing = "moving over the object"
-        observation = yield from arm.go(approach.to_pregrasp, observation, opening=approach.opening)
-        self.log.doing = "coming down"
-        observation = yield from arm.go(
-            approach.to_grasp, observation, opening=approach.opening, speed=_APPROACH_SPEED, careful=True
-        )
-        if arm.blocked(observation, approach.opening):
-            return "touched something on the way down", observation
-        self.log.doing = "closing"
-        observation = yield from arm.close(observation, approach.posture_at)
-        self.log.held_m, self.log.held_n = observation.opening, observation.force
-        if observation.opening < _EMPTY_OPENING_M or _nothing_pressed(observation):
-            return "closed on nothing", observation
-        if observation.opening > approach.grasp.width + _TOO_WIDE_M:
-            found, planned = observation.opening * 1e3, approach.grasp.width * 1e3
-            return f"holds something {found:.0f} mm wide where {planned:.0f} mm were planned", observation
-        return None, observation
-
-    def _tipped(
-        self,
-        arm: ArmSteps,
-        approach: Approach,
-        taken: SeenObject,
-        upon: list[np.ndarray],
-        others: list[np.ndarray],
-        view: View,
-    ) -> tuple[str | None, TippedLift | None]:
-        """How to lift what is held so that what lies ``upon`` it slides off; where there is no room, why not, for
-        lifted otherwise that would go up with it.
-        """
-        q, on_it, around = np.asarray(arm.command[:6], float), np.concatenate(upon), np.concatenate(others)
-        try:
-            tipped = plan_tipped_lift(q, approach, taken.points, on_it, around, view.plane)
-        except MotionError as error:
-            return f"something lies on it, and there is no room to tip it off: {error}", None
-        self.log.doubts.append("something lies on it: it is tipped while it is lifted")
-        return None, tipped
-
-    def _lift(
-        self, arm: ArmSteps, approach: Approach, tipped: TippedLift | None, observation: RobotObservation
-    ) -> Steps:
-        """Lift what is held. Returns why that failed, or None, the joint path (K, 6), and the last observation."""
-        closed = observation.opening
-        lift = np.concatenate([arm.command[None, :6], approach.to_lift])
-        if tipped is not None:
-            self.log.doing = "tipping it"
-            observation = yield from arm.go(tipped.tip, observation, opening=0.0, speed=_LIFT_SPEED)
-            observation = yield from arm.wait(observation, _SLIDING_S)
-            lift = tipped.up
-        self.log.doing = "lifting"
-        observation = yield from arm.go(lift, observation, opening=0.0, speed=_LIFT_SPEED)
-        observation = yield from arm.squeeze(observation)
-        lost = observation.opening < max(_EMPTY_OPENING_M, _LOST_SHARE * closed) or _nothing_pressed(observation)
-        if tipped is not None:
-            lift = np.concatenate([tipped.tip, tipped.up])
-        return ("lost while lifting" if lost else None), lift, observation
-
-
-def _nothing_pressed(observation: RobotObservation) -> bool:
-    return observation.force is not None and observation.force < _LEAST_FORCE_N

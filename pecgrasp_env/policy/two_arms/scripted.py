@@ -17,6 +17,7 @@ from pecgrasp_env.motion.grasp_approach import Approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.motion.two_arms import carry, plan_approaches
 from pecgrasp_env.policy.arm_primitives import ArmSteps, Steps
+from pecgrasp_env.policy.holding import is_held
 from pecgrasp_env.policy.two_arms.choices import METHODS, Choice, Holds
 from pecgrasp_env.policy.two_arms.looking import DualObservation, Seen, look, read_dual_observation
 from pecgrasp_env.robot.gripper_linkage import MAX_FORCE
@@ -28,8 +29,6 @@ FORCE_N = MAX_FORCE  # what it weighs is not known, and it is up to 6 kg
 LARGEST_M = 1.2  # extent of what may lie there
 _APPROACH_SPEED = 0.5
 _TRIED = 8  # choices whose motion is planned
-_EMPTY_OPENING_M = 0.002
-_LEAST_FORCE_N = 2.0
 _HOLDING_STEPS = 4
 
 
@@ -199,4 +198,4 @@ def _name(arm: int) -> str:
 def _holds(observation: DualObservation, arm: int) -> bool:
     """Whether opening and force of the gripper say so, as on the real one."""
     seen = observation.arms[arm]
-    return seen.opening > _EMPTY_OPENING_M and (seen.force is None or seen.force >= _LEAST_FORCE_N)
+    return is_held(seen.opening, seen.force)
