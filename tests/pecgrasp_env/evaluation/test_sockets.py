@@ -15,7 +15,7 @@ PLANNER = {"_target_": "grasping.CurvaturePlanner"}
 
 def too_narrow():
     """A planner whose hand opens too little for anything."""
-    return CurvaturePlanner(replace(ROBOTIQ_2F_140, stroke=0.005), side_clearance=0.001)
+    return CurvaturePlanner(replace(ROBOTIQ_2F_140, stroke=0.025))
 
 
 @pytest.mark.slow
