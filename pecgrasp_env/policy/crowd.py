@@ -15,11 +15,12 @@ _CELL_M = 0.005
 _HIGHER_M = 0.008  # than the seen edge of what lies below it
 _NEXT_M = 0.010
 _LEAST_OVERLAP_M2 = 2e-4  # twice what the task asks for: outlines of half-seen things are rough
+_COVERS = 0.06  # of an object's outline: what covers less may as well be beside it, and can be tipped off
 _AROUND_M = 0.05
 _THICKEST_FLOOR_M = 0.015
 _NO_FLOOR_M = 0.002  # a table is measured better than that
 _LEAST_FLOOR = 50  # points
-_DOWN_M = 0.010  # above the table: what is seen so far down stands there
+_DOWN_M = 0.010  # above the table or the floor of a bin: what is seen so far down stands there
 
 
 def lying_on(objects: Sequence[SeenObject], lower: int) -> dict[int, float]:
@@ -48,7 +49,7 @@ def lying_on(objects: Sequence[SeenObject], lower: int) -> dict[int, float]:
 
 
 def borne_by(objects: Sequence[SeenObject], lower: int, plane: np.ndarray | None) -> list[int]:
-    """Those that lie on objects[lower] and are not seen to reach down to the table (4,), or z = 0: what stands there or
+    """Those that lie on objects[lower] and are not seen to reach down to the plane (4,), or z = 0: what stands there or
     leans stays behind by itself when the lower one is lifted.
     """
     normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
@@ -75,15 +76,17 @@ def stands_over(objects: Sequence[SeenObject], lower: int) -> np.ndarray | None:
     return np.asarray(found.mean(axis=0) - objects[lower].centroid[:2])
 
 
-def uppermost_on(objects: Sequence[SeenObject], lower: int) -> list[int]:
-    """Which objects can be taken off objects[lower]: those that lie on it, or on others that do, and on which nothing
-    lies; the highest first.
+def uppermost_on(objects: Sequence[SeenObject], lower: int, floor: np.ndarray | None = None) -> list[int]:
+    """Which objects can be taken off objects[lower]: those that cover some of it and that it bears (`borne_by`, floor:
+    the plane (4,) on which it lies), or others on them, on which nothing lies; the highest first.
     """
-    upon, pending, free = {lower}, [lower], []
+    cover = lying_on(objects, lower)
+    borne = [k for k in borne_by(objects, lower, floor) if cover[k] >= _COVERS]
+    upon, pending, free = {lower, *borne}, borne, []
     while pending:
         k = pending.pop()
-        above = lying_on(objects, k)
-        if not above and k != lower:
+        above = borne_by(objects, k, floor)
+        if not above:
             free.append(k)
         pending += [each for each in above if each not in upon]
         upon.update(above)

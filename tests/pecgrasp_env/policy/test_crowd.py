@@ -67,6 +67,18 @@ def test_what_nothing_lies_on_is_taken_first():
     assert uppermost_on([seen(LOWER), seen(BESIDE)], 0) == []
 
 
+def test_what_stands_on_the_floor_or_covers_next_to_nothing_is_not_taken_off():
+    column = np.concatenate([patch((0.44, 0.48), (0.00, 0.06), z) for z in np.arange(0.008, 0.06, 0.004)])
+    bottom = np.array([0.0, 0.0, 1.0, -0.006])  # of a bin
+    assert uppermost_on([seen(LOWER), seen(column)], 0, bottom) == []
+    floats = column[column[:, 2] > 0.03]
+    assert uppermost_on([seen(LOWER), seen(floats)], 0, bottom) == [1]
+    corner = patch((0.471, 0.489), (0.046, 0.059), 0.06)  # some 3 of 72 cm²
+    assert list(lying_on([seen(LOWER), seen(corner)], 0)) == [1]
+    assert uppermost_on([seen(LOWER), seen(corner)], 0, bottom) == []
+    assert uppermost_on([seen(LOWER), seen(UPPER), seen(corner + np.array([-0.02, 0, 0.03]))], 0, bottom) == [2]
+
+
 def test_what_is_pushed_aside_loses_its_rim_and_what_is_thin_is_not_pushed():
     block, rod = patch((0.40, 0.46), (0.0, 0.08), 0.03), patch((0.40, 0.41), (0.0, 0.10), 0.01)
     inner = without_rim(block, 0.008)
