@@ -19,6 +19,7 @@ from pecgrasp_env.sensor.d435_noise import apply_ideal
 from pecgrasp_env.sensor.intrinsics import CameraIntrinsics
 from pecgrasp_env.sensor.sapien_depth import SAPIEN_FROM_OPENCV, add_depth_camera, take_depth
 
+_UP_M = 0.02  # of what is held
 # Of what the task says, what is told to others.
 _JUDGED = {"success", "wrong_object", "off_table", "dropped", "stranger_lifted", "disturbance_m", "visible_share"}
 
@@ -48,6 +49,7 @@ class SimulatedRobot:
         _, info = self.task.reset(seed=seed)
         self._beside: Any = None  # a camera of this episode's scene that stands beside the robot
         self.target = str(info["target"][0])
+        self._lay = [actor.pose.sp for actor in self.task.objects]
         self.outcome: str | None = None
         self.judged: dict[str, float] = {}
         self._steps = 0
@@ -100,6 +102,14 @@ class SimulatedRobot:
         self._beside.entity.set_pose(sapien.Pose(T))
         self.task.scene.update_render()
         return apply_ideal(take_depth(self._beside), intrinsics), intrinsics
+
+    def drop(self) -> None:
+        """What is up lies again where it lay at the start."""
+        for actor, lay in zip(self.task.objects, self._lay, strict=True):
+            if float(actor.pose.p[0, 2]) > lay.p[2] + _UP_M:
+                actor.set_pose(lay)
+                actor.set_linear_velocity(torch.zeros(3))
+                actor.set_angular_velocity(torch.zeros(3))
 
     def report(self) -> dict[str, object]:
         """What is asked for, how the episode ended, what lies there and where, (K, 3) m, base frame."""

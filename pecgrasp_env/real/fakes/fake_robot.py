@@ -141,6 +141,7 @@ FAULTS: dict[str, Callable[[FakeRobot], None]] = {
     "gripper_reset": lambda robot: robot.gripper.write({"ACT": 0}),
     "gripper_stuck": lambda robot: setattr(robot.gripper, "stuck", True),
     "gripper_fault": lambda robot: robot.gripper.fail(8),
+    "object_lost": lambda robot: robot.plant.drop(),  # once, and not mended: it slipped out of the fingers
     "none": _mended,
 }
 

@@ -35,6 +35,9 @@ class Plant(Protocol):
     def reset(self, seed: int) -> None:
         """Everything as at a start of its own, which the seed says."""
 
+    def drop(self) -> None:
+        """What is between the fingers is no longer there, as if it had slipped out."""
+
     def report(self) -> dict[str, object]:
         """What only the plant knows, such as whether the right object is up."""
 
@@ -49,6 +52,10 @@ class FollowingJoints:
 
     def reset(self, seed: int) -> None:
         self._q, self._opening = home(self.arm).copy(), STROKE
+        self._dropped = False
+
+    def drop(self) -> None:
+        self._dropped = True
 
     @property
     def q(self) -> np.ndarray:
@@ -59,7 +66,7 @@ class FollowingJoints:
         return self._opening
 
     def step(self, q: np.ndarray, opening: float, force: float) -> None:
-        self._q, self._opening = np.array(q), max(opening, self.between)
+        self._q, self._opening = np.array(q), max(opening, 0.0 if self._dropped else self.between)
 
     def grab(self, T_base_camera: np.ndarray | None = None) -> tuple[np.ndarray, CameraIntrinsics]:
         raise ValueError("joints alone have no camera: fake-robot scene=simulated has one")

@@ -50,7 +50,7 @@ def picker(bench):
     arm, gripper, camera = URArm(bench.host, patience=PATIENCE_S), RobotiqGripper(bench.host), BenchCamera(bench.host)
 
     def make(**kwargs):
-        policy = ScriptedPolicy(None, control_dt=STEP_S)
+        policy = kwargs.pop("policy", ScriptedPolicy(None, control_dt=STEP_S))
         workspace = kwargs.pop("workspace", Workspace())
         return Picker(arm, gripper, camera, policy, workspace, speed=1.0, **kwargs)
 
@@ -116,6 +116,16 @@ def test_a_protective_stop_in_mid_move_ends_the_pick(picker, bench):
     while (state := bench.state)["at_rest_since"] is None:
         assert time.monotonic() < deadline
     assert state["at_rest_since"] - state["fault_at"] < REST_S
+
+
+@pytest.mark.slow
+def test_what_slips_out_while_it_is_lifted_is_noticed_and_picked_up_again(picker, bench):
+    policy = ScriptedPolicy(None, control_dt=STEP_S)
+    record = Interrupts("lifting", 15, lambda: bench.provoke("object_lost"))
+    outcome = picker(policy=policy, record=record).pick(TARGET)
+    assert policy.log.failures == ["lost while lifting"]
+    assert outcome.lifted
+    assert outcome.error is None
 
 
 def test_the_user_may_say_no_and_the_workspace_does(picker, bench):

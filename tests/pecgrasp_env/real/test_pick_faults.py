@@ -32,6 +32,7 @@ ERRORS = {
     "gripper_stuck": (GripperFault, "fault 14, too much current"),
 }
 IN_TEST_UR = {"lag", "cut", "none"}  # which change nothing
+IN_TEST_PICK = {"object_lost"}  # which the policy mends
 
 
 class Provokes(NoRecord):
@@ -93,4 +94,4 @@ def test_it_ends_with_its_error_and_the_arm_stands(bench, fault):
 
 
 def test_every_fault_that_the_stand_in_knows_is_tried():
-    assert set(FAULTS) == {*ERRORS, *IN_TEST_UR}
+    assert set(FAULTS) == {*ERRORS, *IN_TEST_UR, *IN_TEST_PICK}
