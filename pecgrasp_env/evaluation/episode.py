@@ -81,27 +81,34 @@ def run_episode(env: gym.Env, policy: Policy, seed: int, on_step: Callable[[Any]
             break
         truncated = bool(time_out)
         after += policy.done
-    log, models = policy.log, task.models[0]
+    instances = [model.instance for model in task.models[0]]
+    return episode_of(seed, task.target_names[0], instances, int(info["elapsed_steps"]), info, policy.log)
+
+
+def episode_of(
+    seed: int, target: str, instances: list[str], steps: int, info: Mapping[str, Any], log: PolicyLog
+) -> Episode:
+    """What came of it, from what the task (`info`) and the policy say at the end. instances: what lay there."""
     absent = bool(info.get("absent", False))
     return Episode(
         seed=seed,
-        target=task.target_names[0],
-        outcome=outcome_of(info, log),
+        target=target,
+        outcome=_outcome(info, log),
         reason=log.reason,
         failures=list(log.failures),
-        steps=int(info["elapsed_steps"]),
+        steps=steps,
         views=log.views,
         confidence=log.confidence,
-        objects=[model.instance for model in models],
+        objects=instances,
         stages={name: [round(each, 6) for each in seconds] for name, seconds in log.stages.items()},
-        disturbance_m=round(float(info["disturbance_m"]), 6) if len(models) > 1 else None,
+        disturbance_m=round(float(info["disturbance_m"]), 6) if len(instances) > 1 else None,
         visible_share=None if absent else round(float(info["visible_share"]), 6),
         cleared=log.cleared,
         doubts=list(log.doubts),
     )
 
 
-def outcome_of(info: Mapping[str, Any], log: PolicyLog) -> str:
+def _outcome(info: Mapping[str, Any], log: PolicyLog) -> str:
     """One of OUTCOMES, from what the task and the policy say at the end."""
     if bool(info.get("stranger_lifted", False)):
         return "stranger"

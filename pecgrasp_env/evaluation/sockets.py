@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import shutil
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ import numpy as np
 
 from pecgrasp_env.common.outcomes import RIGHT
 from pecgrasp_env.envs.registration import MAX_EPISODE_STEPS
-from pecgrasp_env.evaluation.episode import Episode, outcome_of
+from pecgrasp_env.evaluation.episode import Episode, episode_of
 from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.real.errors import Declined
@@ -47,6 +48,7 @@ class SocketRunner:
 
     def __init__(self, policy: ScriptedPolicy, env: dict[str, Any], pace: float, pictures: Path | None) -> None:
         self._policy, self._pictures = policy, pictures
+        self._most_steps = int(env.get("max_episode_steps") or MAX_EPISODE_STEPS)
         self._stand_in = StandIn(partial(simulated_robot, env), pace)
         self._host, self._bench = self._stand_in.host, self._stand_in.bench
         self._camera = BenchCamera(self._host)
@@ -59,7 +61,7 @@ class SocketRunner:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
         record = None if folder is None else PickRecord(folder, {"target": target, "seed": seed})
-        steps = _Steps()
+        steps = _Steps(self._most_steps)
         arm = URArm(self._host, speed=1.0, patience=_PATIENCE_S)
         try:
             gripper = RobotiqGripper(self._host)
@@ -95,38 +97,23 @@ class SocketRunner:
     def _episode(self, seed: int, ended: PickOutcome, steps: int) -> Episode:
         state, log = self._bench.state, self._policy.log
         judged, error = state["judged"], ended.error
-        reason, outcome = log.reason, outcome_of(judged, log)
-        if isinstance(error, Declined) and outcome not in RIGHT:
-            outcome = "timeout"
-        elif error is not None and not isinstance(error, Declined):
-            outcome, reason = "error", f"{type(error).__name__}: {error}"
-        return Episode(
-            seed=seed,
-            target=state["target"],
-            outcome=outcome,
-            reason=reason,
-            failures=list(log.failures),
-            steps=steps,
-            views=log.views,
-            confidence=log.confidence,
-            objects=state["instances"],
-            stages={name: [round(each, 6) for each in seconds] for name, seconds in log.stages.items()},
-            disturbance_m=round(judged["disturbance_m"], 6) if len(state["instances"]) > 1 else None,
-            visible_share=round(judged["visible_share"], 6),
-            cleared=log.cleared,
-            doubts=list(log.doubts),
-        )
+        episode = episode_of(seed, state["target"], state["instances"], steps, judged, log)
+        if isinstance(error, Declined):
+            return episode if episode.outcome in RIGHT else replace(episode, outcome="timeout")
+        if error is not None:
+            return replace(episode, outcome="error", reason=f"{type(error).__name__}: {error}")
+        return episode
 
 
 class _Steps(NoRecord):
     """Ends a pick after as many steps as an episode has."""
 
-    def __init__(self) -> None:
-        self.count = 0
+    def __init__(self, most: int) -> None:
+        self.count, self._most = 0, most
 
     def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None:
         self.count += 1
-        if self.count > MAX_EPISODE_STEPS:
+        if self.count > self._most:
             raise Declined(_OUT_OF_TIME)
 
 

@@ -217,8 +217,11 @@ class PickPlanner:
         if chosen is None:
             return PlannedPick(objects, None, None, None, self._log.confidence, NOT_FOUND)
         # What lies on it, then itself; with free ways for the fingers, then pushing.
-        floor = floor_below(objects[chosen].points, view.surface, view.plane)
-        order = [*uppermost_on(objects, chosen, floor), chosen] if self._clear else self._freest_first(objects, chosen)
+        if self._clear:
+            floor = floor_below(objects[chosen].points, view.surface, view.plane)
+            order = [*uppermost_on(objects, chosen, floor), chosen]
+        else:
+            order = self._freest_first(objects, chosen)
         tries = [(k, pushed) for pushed in _PUSHED_M for k in order if not pushed or len(objects) > 1]
         picks = []
         for k, pushed in tries:

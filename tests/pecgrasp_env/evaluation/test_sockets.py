@@ -33,6 +33,14 @@ def test_the_same_seed_is_the_same_scene_and_is_lifted_alike(tmp_path):
 
 
 @pytest.mark.slow
+def test_an_episode_has_as_many_steps_as_the_environment(tmp_path):
+    protocol = Protocol(ENV | {"max_episode_steps": 40}, None, PLANNER, {}, sockets=8)
+    (episode,) = run_episodes(protocol, [700_003], tmp_path)
+    assert episode.outcome == "timeout"
+    assert 40 <= episode.steps <= 41
+
+
+@pytest.mark.slow
 def test_a_pick_that_failed_leaves_its_frames_and_a_page(tmp_path):
     protocol = Protocol(ENV, None, {"_target_": f"{__name__}.too_narrow"}, {"attempts": 1}, sockets=8)
     (episode,) = run_episodes(protocol, [700_003], tmp_path, pictures=True)
