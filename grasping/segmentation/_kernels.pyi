@@ -17,6 +17,16 @@ def positions(
 ) -> None:
     """Fill positions (h, w, 3) by what columns (w, 3) and rows (h, 3) add to the rays."""
 
+def square_distances(
+    points: NDArray[np.float32] | NDArray[np.float64],
+    nearest: float,
+    farthest: float,
+    squared: NDArray[np.float32] | NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    /,
+) -> None:
+    """Fill squared and valid (N,) of points (N, 3)."""
+
 def inverse_depths(
     points: NDArray[np.float32] | NDArray[np.float64],
     valid: NDArray[np.bool_],

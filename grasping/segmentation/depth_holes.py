@@ -82,8 +82,10 @@ def parts_over_holes(
 
 def _across(holes: NDArray[np.bool_], owner: NDArray) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
     """Rows and columns of the pixels on either side of each run of holes in a row that lies between two things."""
-    before = np.nonzero(np.ascontiguousarray(~holes[:, :-1] & holes[:, 1:]))
-    row, column = np.nonzero(np.ascontiguousarray(holes[:, :-1] & ~holes[:, 1:]))
+    holes = np.ascontiguousarray(holes)
+    ends = holes[:, :-1] ^ holes[:, 1:]
+    before = np.divmod(np.flatnonzero(ends & holes[:, 1:]), max(ends.shape[1], 1))
+    row, column = np.divmod(np.flatnonzero(ends & holes[:, :-1]), max(ends.shape[1], 1))
     # The run that ends here is the last that began, unless it began with the row.
     began = np.searchsorted(before[0] * holes.shape[1] + before[1], row * holes.shape[1] + column) - 1
     found = np.flatnonzero(began >= 0)

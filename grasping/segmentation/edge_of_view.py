@@ -30,7 +30,8 @@ class EdgeOfView:
 
     def cuts(self, index: IntArray) -> bool:
         """Whether the view ends within an object, given its pixels (M,)."""
-        row, column = np.divmod(index, self.shape[1])
+        row = index // self.shape[1]
+        column = index - row * self.shape[1]
         bottom, right = self.shape[0] - 1, self.shape[1] - 1
         nearest = (int(column.min()), right - int(column.max()), int(row.min()), bottom - int(row.max()))
         if min(nearest) < BORDER:

@@ -76,7 +76,8 @@ def ramps(
     level or upright against it is no ramp: tops and sides seen edge-on.
     """
     found = np.zeros(len(chosen), dtype=bool)
-    directions = ((1, chosen % shape[1], shape[1]), (shape[1], chosen // shape[1], shape[0]))
+    row = chosen // shape[1]
+    directions = ((1, chosen - row * shape[1], shape[1]), (shape[1], row, shape[0]))
     for step, at, size in directions:
         steep, alike = _steep(distance, chosen, WIDE * step, WIDE * sight.pixel)
         between = np.flatnonzero(steep[0] & steep[1] & alike & (at >= WIDE) & (at < size - WIDE))
@@ -138,13 +139,15 @@ def edge_owners(points: NDArray, objects: list[IntArray], on_ramps: IntArray, co
 def _beside_object(points: NDArray, number: NDArray[np.int32], pixels: IntArray, columns: int) -> IntArray:
     owners = np.full(len(pixels), -1, dtype=np.int64)
     nearest = np.full(len(pixels), SAME_SURFACE**2)
-    own = points.take(pixels, axis=0)
     for step in (1, -1, columns, -columns):
         # Beyond a row's end stands the other end of the next: far away.
-        beside = np.clip(pixels + step, 0, len(points) - 1)
-        apart = points.take(beside, axis=0) - own
+        there = number.take(pixels + step, mode="clip")
+        owned = np.flatnonzero(there >= 0)
+        beside = np.clip(pixels[owned] + step, 0, len(points) - 1)
         with np.errstate(over="ignore", invalid="ignore"):
+            apart = points.take(beside, axis=0) - points.take(pixels[owned], axis=0)
             squared = np.einsum("ij,ij->i", apart, apart)
-        better = (number[beside] >= 0) & (squared < nearest)
-        owners[better], nearest[better] = number[beside[better]], squared[better]
+        closer = squared < nearest[owned]
+        better = owned[closer]
+        owners[better], nearest[better] = there[better], squared[closer]
     return owners

@@ -65,6 +65,7 @@ def convex_outline(flat: FloatArray, most: int = OF_OUTLINE) -> FloatArray | Non
 
 def spacing(flat: FloatArray, count: int) -> float:
     """Mean distance (m) between the points of a surface, from a sample (S, 2) of its `count` points."""
-    cells = np.sort(np.floor(flat / AREA_CELL).astype(np.int64) @ [1_000_003, 1])
+    along, across = np.floor(flat.T / AREA_CELL).astype(np.int64)
+    cells = np.sort(along * 1_000_003 + across)
     filled = min(len(cells), 1) + np.count_nonzero(cells[1:] != cells[:-1])
     return AREA_CELL * float(np.sqrt(filled / count))

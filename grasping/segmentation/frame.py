@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasping.errors import CloudError
+from grasping.segmentation import kernels
 from grasping.segmentation.edge_of_view import EdgeOfView
 from grasping.segmentation.flying_pixels import edge_owners, ramps, single_pixels
 from grasping.segmentation.lines_of_sight import LinesOfSight
@@ -54,16 +55,12 @@ class Frame:
         self._origin = np.zeros(3) if self._viewpoint is None else self._viewpoint
         near, far = max(depth_range[0], 1e-6), depth_range[1]
         where = f"{depth_range[0]:g} to {far:g} m away"
-        # NaN compares as false; infinity and values whose square overflows are beyond the range.
-        with np.errstate(over="ignore", invalid="ignore"):
-            x, y, z = self._columns = np.ascontiguousarray(self.points.T)  # what is asked of all points is faster there
-            squared = x * x + y * y + z * z
-            self.valid = (squared >= near * near) & (squared <= far * far)
+        squared, self.valid = distances(self.points, near, far)
         self._squared = squared
         self._holes = ~(squared > 0)  # NaN, or the zero that stands for nothing measured
         own = np.zeros(len(self.points), dtype=bool)
         if self._robot is not None:
-            own[self._robot.within(self._columns.T)] = True
+            own[self._robot.within(np.ascontiguousarray(self.points.T).T)] = True  # columns are faster to ask
             own &= ~self._holes
             self.valid &= ~own
         self._hidden = self._holes | own  # what stands there was not seen
@@ -296,6 +293,26 @@ class Frame:
         touching[self._robot.within(np.concatenate(clouds), GRIPPER_CONTACT)] = True
         ends = np.cumsum([len(points) for points in clouds])
         return [bool(each.any()) for each in np.split(touching, ends[:-1])]
+
+
+def distances(points: NDArray, near: float, far: float) -> tuple[NDArray, NDArray[np.bool_]]:
+    """(N,) each: of points (N, 3) the squared distances from the origin, in their own type, and which are within range.
+
+    NaN is not; infinity and values whose square overflows are beyond it.
+    """
+    if kernels.compiled is None or points.dtype.char not in "fd":
+        return distances_reference(points, near, far)
+    squared, valid = np.empty(len(points), dtype=points.dtype), np.empty(len(points), dtype=bool)
+    kernels.compiled.square_distances(np.ascontiguousarray(points), near * near, far * far, squared, valid)
+    return squared, valid
+
+
+def distances_reference(points: NDArray, near: float, far: float) -> tuple[NDArray, NDArray[np.bool_]]:
+    """`distances` in NumPy."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, y, z = np.ascontiguousarray(points.T)
+        squared = x * x + y * y + z * z
+        return squared, (squared >= near * near) & (squared <= far * far)
 
 
 def _all_beyond(squared: NDArray) -> str:

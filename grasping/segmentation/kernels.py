@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-INTERFACE = 5  # as in csrc/module.c
+INTERFACE = 6  # as in csrc/module.c
 
 
 def _load() -> ModuleType | None:

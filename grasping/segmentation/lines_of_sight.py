@@ -17,7 +17,7 @@ JUDGED = 2000  # pixels among which enough lie off the frame's plane, where ther
 OFF_PLANE = 0.02  # of a point's distance: seen from another place, it would lie that far from its line, rad
 FEWEST = 20  # pixels with depth, below which the camera is not measured
 MOST_ERROR = 0.003  # rad; nine of ten pixels look along their line to within this, else the viewpoint is another
-PLANE_ROUNDS = 6  # of a fit to the half that lies nearest to the plane before
+PLANE_ROUNDS, IN_ROUNDS = 6, 500  # of a fit to the half that lies nearest to the plane before; points that suffice
 BESIDE = 0.015  # m around an object's outline within which a hole that begins at it belongs to it
 
 
@@ -134,13 +134,19 @@ def _evenly(points: NDArray, index: IntArray, most: int, viewpoint: FloatArray) 
 
 def _off_plane(seen: FloatArray) -> NDArray[np.bool_]:
     """Which of the points (M, 3), seen from 0, lie off the plane that half of them or more lie on."""
-    near = np.ones(len(seen), dtype=bool)
+    some = np.ascontiguousarray(seen[:: max(1, len(seen) // IN_ROUNDS)].T)
+    near, most = np.ones(some.shape[1], dtype=bool), (some.shape[1] - 1) // 2
     for _ in range(PLANE_ROUNDS):
-        middle = seen[near].mean(axis=0)
-        normal = np.linalg.eigh(np.cov(seen[near].T))[1][:, 0]
-        away = np.abs((seen - middle) @ normal)
-        near = away <= np.median(away)
-    return np.asarray(away > OFF_PLANE * np.linalg.norm(seen, axis=1))
+        half = some[:, near]
+        middle = half.mean(axis=1)
+        half -= middle[:, None]
+        normal = np.linalg.eigh(half @ half.T)[1][:, 0]
+        away = np.abs(normal @ some - normal @ middle)
+        last, near = near, away <= np.partition(away, most)[most]
+        if np.array_equal(last, near):
+            break
+    away = np.abs(seen @ normal - normal @ middle)
+    return np.asarray(away > OFF_PLANE * np.sqrt(np.einsum("ij,ij->i", seen, seen)))
 
 
 def holes_at(holes: NDArray[np.bool_], index: IntArray, reach: int) -> IntArray:

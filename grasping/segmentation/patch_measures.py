@@ -48,7 +48,8 @@ class PatchSums:
         count = int(group.max()) + 1
         sums, bins, sides = (np.zeros((count, rows.shape[1])) for rows in (self.sums, self.bins, self.sides))
         for added, rows in ((sums, self.sums), (bins, self.bins), (sides, self.sides)):
-            np.add.at(added, group, rows)
+            for number, row in zip(group.tolist(), rows, strict=True):  # in this order
+                added[number] += row
         inside = group[first] == group[second]  # what divided two patches of a group is no outline of it
         sides[:, 0] -= 2 * np.bincount(group[first[inside]], adjoining[inside], minlength=count)
         return PatchSums(sums, bins, sides, self.with_table)

@@ -65,7 +65,7 @@ def borders(labels: Labels, count: int, unknown: NDArray[np.bool_]) -> Borders:
     found: list[tuple[IntArray, IntArray, IntArray, NDArray[np.bool_]]] = []
     along_row, down_column = steps_to_borders(labels, unknown).reshape(2, -1)
     for far, step in ((along_row, 1), (down_column, labels.shape[1])):
-        at = np.flatnonzero(far)
+        at = np.flatnonzero(far > 0)
         steps = far[at].astype(np.int64)
         found.append((at, at + steps * step, steps, np.full(len(at), far is along_row)))
     one, other, steps_, rows = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -85,8 +85,10 @@ def _sorted(
     swap = patch > other_patch
     inner, outer = np.where(swap, other_pixel, pixel), np.where(swap, pixel, other_pixel)
     key = np.minimum(patch, other_patch) * (count + 1) + np.maximum(patch, other_patch)
-    order = np.argsort(key, kind="stable")
-    pairs, start = np.unique(key[order], return_index=True)
+    order = np.argsort(key.astype(np.min_scalar_type((count + 1) ** 2)), kind="stable")  # numbers of 16 bits: by radix
+    key = key[order]
+    start = np.flatnonzero(np.diff(key, prepend=-1))
+    pairs = key[start]
     inner, outer, steps = inner[order], outer[order], steps[order]
     return Borders(
         inner=inner,
@@ -169,30 +171,54 @@ class PatchesAtHole:
     inverse_depth: list[float]
 
 
-def patches_at_holes(labels: Labels, inverse_depth: Float32Array) -> list[PatchesAtHole]:
-    """What reaches to each hole of an image (h, w), 1/m and 0 in holes, but for those too large to be one object's."""
-    measured = inverse_depth > 0
-    holes, count = label_pieces(~measured)
-    if not count:
-        return []
-    (h, w), patches, flat = labels.shape, int(labels.max()) + 1, labels.ravel()
-    empty = np.flatnonzero(holes)
-    hole, column = holes.ravel().take(empty), empty % w
-    found = []
+@dataclass(frozen=True)
+class HoleRims:
+    """Pixels (R,) beside each hole in the depth, a hole's pixels one after the other: hole, its number from 1 up, and
+    beside, flattened. Holes that are too large to be one object's are left out.
+    """
+
+    hole: IntArray
+    beside: IntArray
+
+
+def rims_of_holes(inverse_depth: Float32Array) -> HoleRims:
+    """Of an image (h, w), 1/m and 0 in holes."""
+    h, w = inverse_depth.shape
+    nothing = inverse_depth <= 0
+    holes, count = label_pieces(nothing)
+    empty = np.flatnonzero(nothing)
+    hole = holes.ravel().take(empty)
+    small = np.flatnonzero((np.bincount(hole, minlength=count + 1) < LARGE_HOLE * inverse_depth.size)[hole])
+    empty, hole = empty[small], hole[small].astype(np.int64)
+    column, found = empty - empty // w * w, []
     for step, there in ((-1, column > 0), (1, column < w - 1), (-w, empty >= w), (w, empty < (h - 1) * w)):
         at = np.flatnonzero(there)
-        at = at[flat.take(empty[at] + step) > 0]
+        at = at[~nothing.ravel()[empty[at] + step]]
         found.append((hole[at], empty[at] + step))
-    hole_of, beside = (np.concatenate(part) for part in zip(*found, strict=True))
-    key, inverse, pixels = np.unique(
-        hole_of.astype(np.int64) * patches + flat[beside], return_inverse=True, return_counts=True
+    return HoleRims(*(np.concatenate(part) for part in zip(*found, strict=True)))
+
+
+def patches_at_holes(labels: Labels, inverse_depth: Float32Array, rims: HoleRims) -> list[PatchesAtHole]:
+    """What reaches to each hole of an image (h, w), 1/m and 0 in holes."""
+    patch = labels.ravel().take(rims.beside)
+    used = np.flatnonzero(patch)
+    if not len(used):
+        return []
+    patches = int(patch.max()) + 1
+    key = rims.hole[used] * patches + patch[used]
+    pixels = np.bincount(key)
+    total = np.bincount(key, inverse_depth.ravel().take(rims.beside[used]))
+    shown = np.flatnonzero(pixels >= LEAST_AT_HOLE)
+    hole, patch = np.divmod(shown, patches)
+    mean = total[shown] / pixels[shown]
+    first = np.flatnonzero(np.diff(hole, prepend=-1))
+    ends = [*first[1:].tolist(), len(shown)]
+    patch_, mean_ = patch.tolist(), mean.tolist()
+    return (
+        [PatchesAtHole(patch_[i:j], mean_[i:j]) for i, j in zip(first.tolist(), ends, strict=True)]
+        if len(first)
+        else []
     )
-    mean = np.bincount(inverse.reshape(-1), inverse_depth.ravel()[beside], minlength=len(key)) / np.maximum(pixels, 1)
-    sizes = np.bincount(hole, minlength=count + 1)
-    used = np.flatnonzero((pixels >= LEAST_AT_HOLE) & (sizes[key // patches] < LARGE_HOLE * labels.size))
-    hole, first = np.unique(key[used] // patches, return_index=True)
-    parts = np.split(used, first[1:]) if len(hole) else []
-    return [PatchesAtHole((key[part] % patches).tolist(), mean[part].tolist()) for part in parts]
 
 
 def pairs_at_holes(holes: Sequence[PatchesAtHole], found: Borders) -> set[tuple[int, int]]:

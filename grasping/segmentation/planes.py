@@ -200,13 +200,17 @@ def fit_all(plane: Plane, inliers: NDArray) -> Plane:
     columns = np.ascontiguousarray(inliers.T)
     mean = columns.mean(axis=1, keepdims=True)
     columns -= mean
-    scatter = np.array([[np.einsum("i,i->", a, b) for a in columns] for b in columns], dtype=np.float64)
+    scatter = np.empty((3, 3))
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        scatter[i, j] = scatter[j, i] = np.einsum("i,i->", columns[i], columns[j])
     return Plane(_normal_form(scatter, mean[:, 0].astype(np.float64), plane.equation), plane.band, plane.residual)
 
 
 def basis(normal: FloatArray) -> FloatArray:
     """(3, 2) orthonormal directions in the plane with this normal."""
-    seed = np.eye(3)[int(np.abs(normal).argmin())]
-    first = np.cross(normal, seed)
+    x, y, z = normal.tolist()
+    least = min(range(3), key=[abs(x), abs(y), abs(z)].__getitem__)
+    first = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])  # across the axis that is least along it
     first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first)])
+    a, b, c = first.tolist()
+    return np.array([[a, y * c - z * b], [b, z * a - x * c], [c, x * b - y * a]])

@@ -190,7 +190,8 @@ class Segmenter:
             alone = seen.steady & (groups.number == 0)
             frame.reject("points", "isolated", np.flatnonzero(alone))
         chosen = np.flatnonzero(groups.number > 0)
-        number = groups.number.take(chosen).astype(np.int64)
+        number = groups.number.take(chosen)
+        number = number.astype(np.min_scalar_type(len(groups.whole)))  # of 16 bits at most they are sorted by radix
         clusters = frame.with_edges([chosen[members] for members in by_label(number)], seen.on_ramps)
         rules = ObjectRules(frame, self._limits, tabletop)
         found = self._over_holes(frame, rules, rules.sort(clusters, groups.thing, groups.whole), table)

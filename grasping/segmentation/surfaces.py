@@ -17,7 +17,7 @@ from grasping.segmentation.correlation_clustering import cluster
 from grasping.segmentation.grouping import Grouping
 from grasping.segmentation.pair_features import AT_BORDER, border_features, shape_features, stand_apart
 from grasping.segmentation.patch_measures import PatchSums, add_up_patches
-from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes, patches_at_holes
+from grasping.segmentation.patch_pairs import borders, hidden_pairs, pairs_at_holes, patches_at_holes, rims_of_holes
 from grasping.segmentation.surface_fits import fit_surfaces
 from grasping.segmentation.surface_patches import cut_into_patches
 from grasping.segmentation.table_relief import Relief, heights_over, relief
@@ -62,6 +62,7 @@ class Surfaces:
                 number = np.where(kept, np.cumsum(kept) - 1, 0).astype(np.int32).take(self.labels)
                 table |= (self.labels > 0) & (number == 0)
                 self.labels, self.count = number, int(np.count_nonzero(kept)) - 1
+        self._rims = rims_of_holes(image.inverse_depth)
         self.borders = borders(self.labels, self.count, (self.labels == 0) & ~table)
         self.sums = add_up_patches(
             image,
@@ -98,7 +99,7 @@ class Surfaces:
             self.borders, self.fits, self.positions, self.labels, self.height, self.up, self.sums
         )
         level = at_border[:, AT_BORDER.index("level")]
-        holes = patches_at_holes(self.labels, self.image.inverse_depth)
+        holes = patches_at_holes(self.labels, self.image.inverse_depth, self._rims)
         hidden = hidden_pairs(self.borders, in_front[0], in_front[1], level, holes)
         at_hole = pairs_at_holes(holes, self.borders)
         far = sorted(hidden | at_hole)

@@ -29,6 +29,29 @@ PyObject *call_single_pixels(PyObject *self, PyObject *arguments)
     return answer;
 }
 
+PyObject *call_square_distances(PyObject *self, PyObject *arguments)
+{
+    (void)self;
+    PyObject *points, *squared, *valid, *answer = NULL;
+    double nearest, farthest;
+    if (!PyArg_ParseTuple(arguments, "OddOO", &points, &nearest, &farthest, &squared, &valid))
+        return NULL;
+    Arrays arrays = {.count = 0};
+    Py_buffer *from;
+    unsigned char *is;
+    void *out;
+    if ((from = array_argument(&arrays, points, "points", "fd", 2, 1, 3, 0)) &&
+        (out = items(&arrays, squared, "squared", from->format[0] == 'd' ? "d" : "f", from->shape[0], 0, 0, 1)) &&
+        (is = items(&arrays, valid, "valid", "?", from->shape[0], 0, 0, 1))) {
+        Py_BEGIN_ALLOW_THREADS
+        square_distances(from->buf, from->format[0] == 'd', from->shape[0], nearest, farthest, out, is);
+        Py_END_ALLOW_THREADS
+        answer = Py_NewRef(Py_None);
+    }
+    release(&arrays);
+    return answer;
+}
+
 PyObject *call_rise_over_plane(PyObject *self, PyObject *arguments)
 {
     (void)self;

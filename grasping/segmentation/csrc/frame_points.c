@@ -1,4 +1,4 @@
-/* See flying_pixels.single_pixels and Frame.heights: what is asked of all points of a frame, in their own type. */
+/* See frame.distances, flying_pixels.single_pixels and planes.heights_above: what is asked of all points of a frame, in their own type. */
 #include "segmentation.h"
 
 #include <math.h>
@@ -28,6 +28,18 @@
         }                                                                                                              \
     }                                                                                                                  \
                                                                                                                        \
+    static void square_##real(const real *points, ptrdiff_t count, double nearest, double farthest, real *squared,     \
+                              unsigned char *valid)                                                                    \
+    {                                                                                                                  \
+        const real least = (real)nearest, most = (real)farthest;                                                       \
+        for (ptrdiff_t i = 0; i < count; i++) {                                                                        \
+            const real x = points[3 * i], y = points[3 * i + 1], z = points[3 * i + 2];                                \
+            squared[i] = x * x + y * y + z * z;                                                                        \
+        }                                                                                                              \
+        for (ptrdiff_t i = 0; i < count; i++)                                                                          \
+            valid[i] = (squared[i] >= least) & (squared[i] <= most);                                                   \
+    }                                                                                                                  \
+                                                                                                                       \
     static void rise_##real(const real *points, const unsigned char *valid, ptrdiff_t count, const double plane[4],    \
                             real *heights)                                                                             \
     {                                                                                                                  \
@@ -52,6 +64,15 @@ int find_single_pixels(const void *points, int wide, ptrdiff_t pixels, ptrdiff_t
     else
         find_single_float(points, pixels, columns, chosen, count, single);
     return 0;
+}
+
+void square_distances(const void *points, int wide, ptrdiff_t count, double nearest, double farthest, void *squared,
+                      unsigned char *valid)
+{
+    if (wide)
+        square_double(points, count, nearest, farthest, squared, valid);
+    else
+        square_float(points, count, nearest, farthest, squared, valid);
 }
 
 void rise_over_plane(const void *points, int wide, const unsigned char *valid, ptrdiff_t count, const double plane[4],

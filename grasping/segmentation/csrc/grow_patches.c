@@ -16,9 +16,10 @@ typedef struct {
     float *edge, *fitted;
     int32_t *labels;
     unsigned char *is_open; /* up to the level, and of no patch yet */
-    ptrdiff_t *waiting, waiting_count; /* of no patch yet, by rising number */
-    ptrdiff_t *front, *next; /* the rings */
+    int32_t *waiting; /* of no patch yet, by rising number */
+    int32_t *front, *next; /* the rings */
     int32_t *taken;
+    ptrdiff_t waiting_count;
 } Growth;
 
 static inline int goes_over(const Growth *growth, ptrdiff_t from, ptrdiff_t to)
@@ -44,7 +45,7 @@ static void grow(Growth *growth)
     for (ptrdiff_t i = 0; i < growth->waiting_count; i++) {
         const ptrdiff_t pixel = growth->waiting[i];
         if (growth->is_open[pixel] && (growth->taken[count] = label_beside(growth, pixel)))
-            growth->front[count++] = pixel;
+            growth->front[count++] = (int32_t)pixel;
     }
     while (count > 0) {
         ptrdiff_t found = 0;
@@ -57,12 +58,12 @@ static void grow(Growth *growth)
                 const ptrdiff_t pixel = growth->front[i] + growth->steps[k];
                 if (growth->is_open[pixel] && goes_over(growth, growth->front[i], pixel)) {
                     growth->is_open[pixel] = 0;
-                    growth->next[found++] = pixel;
+                    growth->next[found++] = (int32_t)pixel;
                 }
             }
         for (ptrdiff_t i = 0; i < found; i++) /* all of a ring before any of it has a label */
             growth->taken[i] = label_beside(growth, growth->next[i]);
-        ptrdiff_t *swap = growth->front;
+        int32_t *swap = growth->front;
         growth->front = growth->next;
         growth->next = swap;
         count = found;
@@ -75,7 +76,8 @@ static int32_t seed(Growth *growth, int32_t patches, ptrdiff_t least)
     for (ptrdiff_t i = 0; i < growth->waiting_count; i++) {
         if (!growth->is_open[growth->waiting[i]])
             continue;
-        ptrdiff_t *piece = growth->front, count = 1;
+        int32_t *piece = growth->front;
+        ptrdiff_t count = 1;
         piece[0] = growth->waiting[i];
         growth->is_open[piece[0]] = 0;
         for (ptrdiff_t done = 0; done < count; done++)
@@ -83,7 +85,7 @@ static int32_t seed(Growth *growth, int32_t patches, ptrdiff_t least)
                 const ptrdiff_t pixel = piece[done] + growth->steps[k];
                 if (growth->is_open[pixel]) {
                     growth->is_open[pixel] = 0;
-                    piece[count++] = pixel;
+                    piece[count++] = (int32_t)pixel;
                 }
             }
         if (count < least)
@@ -98,19 +100,20 @@ static int32_t seed(Growth *growth, int32_t patches, ptrdiff_t least)
 ptrdiff_t grow_patches(const float *edge, const float *fitted, ptrdiff_t h, ptrdiff_t w, int32_t *labels)
 {
     const ptrdiff_t width = w + 2, size = width * (h + 2);
-    const size_t each = 2 * sizeof(float) + 2 * sizeof(int32_t) + 3 * sizeof(ptrdiff_t) + 1;
-    char *memory = calloc((size_t)size, each);
+    const size_t each = 2 * sizeof(float) + 5 * sizeof(int32_t) + 1;
+    char *memory = malloc((size_t)size * each);
     if (!memory)
         return OUT_OF_MEMORY;
     Growth growth = {.steps = {1, width, -1, -width}};
-    growth.waiting = (ptrdiff_t *)memory;
+    growth.waiting = (int32_t *)memory;
     growth.front = growth.waiting + size;
     growth.next = growth.front + size;
-    growth.edge = (float *)(growth.next + size);
+    growth.taken = growth.next + size;
+    growth.edge = (float *)(growth.taken + size);
     growth.fitted = growth.edge + size;
     growth.labels = (int32_t *)(growth.fitted + size);
-    growth.taken = growth.labels + size;
-    growth.is_open = (unsigned char *)(growth.taken + size);
+    growth.is_open = (unsigned char *)(growth.labels + size);
+    memset(growth.labels, 0, (size_t)size * (sizeof(*growth.labels) + 1)); /* what is of no patch and not open is not read */
     for (ptrdiff_t row = 0; row < h; row++)
         for (ptrdiff_t column = 0; column < w; column++) {
             const ptrdiff_t pixel = (row + 1) * width + column + 1;
@@ -118,7 +121,7 @@ ptrdiff_t grow_patches(const float *edge, const float *fitted, ptrdiff_t h, ptrd
                 continue;
             growth.edge[pixel] = edge[row * w + column];
             growth.fitted[pixel] = fitted[row * w + column];
-            growth.waiting[growth.waiting_count++] = pixel;
+            growth.waiting[growth.waiting_count++] = (int32_t)pixel;
         }
     int32_t patches = 0;
     for (int level = 0; level < LEVELS; level++) {

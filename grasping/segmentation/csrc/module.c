@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 /* Raised whenever a function here takes or returns something else; kernels.py names the one that it knows. */
-#define INTERFACE 5
+#define INTERFACE 6
 
 static PyObject *reduce(PyObject *self, PyObject *arguments)
 {
@@ -334,6 +334,7 @@ static PyObject *group(PyObject *self, PyObject *arguments)
 
 static PyMethodDef methods[] = {
     {"single_pixels", call_single_pixels, METH_VARARGS, "See flying_pixels.single_pixels: fills `single`."},
+    {"square_distances", call_square_distances, METH_VARARGS, "See frame.distances: fills `squared` and `valid`."},
     {"rise_over_plane", call_rise_over_plane, METH_VARARGS, "See planes.heights_above: fills `heights`."},
     {"positions", place, METH_VARARGS, "See working_image.positions: fills `positions`."},
     {"inverse_depths", invert, METH_VARARGS, "See working_image.inverse_depths: fills `inverse_depth`."},

@@ -71,6 +71,7 @@ static inline int32_t *labels_of(Arrays *arrays, PyObject *from, Py_ssize_t *h, 
 
 /* In calls_of_frames.c. */
 PyObject *call_single_pixels(PyObject *self, PyObject *arguments);
+PyObject *call_square_distances(PyObject *self, PyObject *arguments);
 PyObject *call_rise_over_plane(PyObject *self, PyObject *arguments);
 
 /* In calls_of_tables.c. */

@@ -34,12 +34,17 @@ void rise_over_table(const float *q, const float *plane, const float *bend, ptrd
 int stand_out(const Standing *from, ptrdiff_t h, ptrdiff_t w, unsigned char *out)
 {
     const ptrdiff_t pixels = h * w;
-    for (ptrdiff_t i = 0; i < pixels; i++)
-        out[i] = (from->inverse_depth[i] > 0.0f) & (from->mean[i] > from->least_mean) &
-                 (from->above[i] > from->least_own) & (from->height[i] > from->least_height);
     int32_t *labels = malloc((size_t)pixels * sizeof(*labels));
     if (!labels)
         return OUT_OF_MEMORY;
+    const float *q = from->inverse_depth, *mean = from->mean, *above = from->above, *height = from->height;
+    const float least_mean = from->least_mean, least_own = from->least_own, least_height = from->least_height;
+    for (ptrdiff_t i = 0; i < pixels; i++) {
+        const int32_t is = -(q[i] > 0.0f) & -(mean[i] > least_mean) & -(above[i] > least_own) & -(height[i] > least_height);
+        labels[i] = is;
+    }
+    for (ptrdiff_t i = 0; i < pixels; i++)
+        out[i] = (unsigned char)(labels[i] & 1);
     const ptrdiff_t count = label_pieces(out, h, w, labels);
     double *mass = count < 0 ? NULL : calloc((size_t)count + 1, sizeof(*mass));
     if (mass) {

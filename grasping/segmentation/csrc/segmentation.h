@@ -34,6 +34,10 @@ static inline float choose(int mask, float a, float b)
 int find_single_pixels(const void *points, int wide, ptrdiff_t pixels, ptrdiff_t columns, const int64_t *chosen,
                        ptrdiff_t count, unsigned char *single);
 
+/* How far such points are from the origin, squared, and whether that is from the nearest to the farthest, squared, too. */
+void square_distances(const void *points, int wide, ptrdiff_t count, double nearest, double farthest, void *squared,
+                      unsigned char *valid);
+
 /* How far such points are above a plane; NaN where they are not valid. */
 void rise_over_plane(const void *points, int wide, const unsigned char *valid, ptrdiff_t count, const double plane[4],
                      void *heights);

@@ -25,14 +25,15 @@ static float mean_at(const Rising *image, ptrdiff_t pixel)
 {
     const ptrdiff_t w = image->w, row = pixel / w, column = pixel - row * w;
     float total[3] = {0.0f, 0.0f, 0.0f}, number[3] = {0.0f, 0.0f, 0.0f};
-    for (ptrdiff_t from = row > 0 ? row - 1 : 0; from <= row + 1 && from < image->h; from++)
-        for (int k = 0; k < 3; k++) {
-            const ptrdiff_t at = column + k - 1;
-            if (at < 0 || at >= w || !(image->inverse_depth[from * w + at] > 0.0f))
-                continue;
-            total[k] += minimum(maximum(image->above[from * w + at], -MOST), MOST);
-            number[k] += 1.0f;
+    const int left = column > 0 ? 0 : 1, right = column < w - 1 ? 3 : 2;
+    for (ptrdiff_t from = row > 0 ? row - 1 : 0; from <= row + 1 && from < image->h; from++) {
+        const float *q = image->inverse_depth + from * w + column - 1, *above = image->above + from * w + column - 1;
+        for (int k = left; k < right; k++) {
+            const float limited = minimum(maximum(above[k], -MOST), MOST);
+            total[k] += q[k] > 0.0f ? limited : 0.0f;
+            number[k] += q[k] > 0.0f ? 1.0f : 0.0f;
         }
+    }
     const float count = number[0] + number[1] + number[2];
     return (total[0] + total[1] + total[2]) / (count >= 1.0f ? count : 1.0f);
 }
@@ -81,9 +82,9 @@ static int count_pixels(const Rising *image, ptrdiff_t patches, Counts *counts)
 }
 
 /* Go along the sides of a pixel of a low patch: first they are counted, then what rises there is noted. */
-static void look_around(const Rising *image, ptrdiff_t pixel, Counts *counts, int noting)
+static void look_around(const Rising *image, ptrdiff_t row, ptrdiff_t column, Counts *counts, int noting)
 {
-    const ptrdiff_t w = image->w, row = pixel / w, column = pixel - row * w;
+    const ptrdiff_t w = image->w, pixel = row * w + column;
     const ptrdiff_t steps[4] = {-w, w, -1, 1}, rooms[4] = {row, image->h - 1 - row, column, w - 1 - column};
     const int32_t own = image->labels[pixel];
     for (int side = 0; side < 4; side++) {
@@ -126,14 +127,16 @@ int find_wrinkles(const Rising *image, ptrdiff_t patches, unsigned char *found)
     for (ptrdiff_t patch = 0; patch < patches && !code; patch++)
         found[patch] = patch && (double)counts.high[patch] <= (1 - MOSTLY) * (double)counts.pixels[patch];
     for (int noting = 0; noting < 2 && !code; noting++) {
-        for (ptrdiff_t i = 0; i < size; i++) {
-            const int32_t own = image->labels[i];
-            if (!own || !found[own])
-                continue;
-            look_around(image, i, &counts, noting);
-            if (noting)
-                counts.above[counts.first_pixel[own]++] = minimum(image->above[i], MOST);
-        }
+        for (ptrdiff_t row = 0; row < image->h; row++)
+            for (ptrdiff_t column = 0; column < image->w; column++) {
+                const ptrdiff_t i = row * image->w + column;
+                const int32_t own = image->labels[i];
+                if (!own || !found[own])
+                    continue;
+                look_around(image, row, column, &counts, noting);
+                if (noting)
+                    counts.above[counts.first_pixel[own]++] = minimum(image->above[i], MOST);
+            }
         ptrdiff_t pixels = 0, sides = 0;
         for (ptrdiff_t patch = 0; patch < patches; patch++) {
             counts.first_pixel[patch] = pixels;

@@ -16,6 +16,7 @@ from grasping.segmentation import kernels
 from grasping.segmentation.boosted_trees import BoostedTrees
 from grasping.segmentation.correlation_clustering import cluster_reference
 from grasping.segmentation.flying_pixels import single_pixels, single_pixels_reference
+from grasping.segmentation.frame import distances, distances_reference
 from grasping.segmentation.group_features import OF_SHAPE, shapes_of_groups, shapes_of_groups_reference
 from grasping.segmentation.pair_features import (
     AT_BORDER,
@@ -143,6 +144,8 @@ def test_points_and_inverse_depths_are_alike(random: np.random.Generator, shape:
     same(inverse_depths(*arguments), inverse_depths_reference(*arguments))
     plane = random.normal(size=4)
     same(heights_above(*arguments[:2], plane), heights_above_reference(*arguments[:2], plane))
+    for one, other in zip(distances(points, 0.5, 1.5), distances_reference(points, 0.5, 1.5), strict=True):
+        same(one, other)
     close, chosen = points * dtype(0.02), pixels(random, shape)
     same(single_pixels(close, chosen, shape), single_pixels_reference(close, chosen, shape))
 
@@ -357,11 +360,11 @@ def random_trees(random: np.random.Generator, features: int, trees: int, depth: 
 
 
 @settings(deadline=None, max_examples=40)
-@given(seeds, st.integers(0, 50), st.integers(1, 20))
-def test_trees_answer_alike_also_where_a_feature_is_not_known(
-    random: np.random.Generator, rows: int, trees: int
+@given(seeds, st.integers(0, 50), st.integers(1, 20), st.integers(1, 8))
+def test_trees_of_few_leaves_and_many_answer_alike_also_where_a_feature_is_not_known(
+    random: np.random.Generator, rows: int, trees: int, depth: int
 ) -> None:
-    model = random_trees(random, 5, trees, 5)
+    model = random_trees(random, 5, trees, depth)
     features = random.integers(-3, 4, (rows, 5)).astype(np.float32)
     features[random.random((rows, 5)) < 0.2] = random.choice([np.nan, np.inf, -np.inf])
     same(model.log_odds(features), model.log_odds_reference(features))
@@ -426,6 +429,7 @@ def calls() -> dict[str, list[Any]]:
         "positions": [one, blank((10,), 3), blank((8,), 3), three],
         "inverse_depths": [blank((20,), 3), np.ones(20, dtype=bool), 0.0, 0.0, 1.0, 0.0, blank((20,))],
         "single_pixels": [blank((80,), 3), asked, 10, np.zeros(30, dtype=bool)],
+        "square_distances": [blank((20,), 3), 0.0, 4.0, blank((20,)), np.ones(20, dtype=bool)],
         "rise_over_plane": [blank((20,), 3), np.ones(20, dtype=bool), 0.0, 0.0, 1.0, 0.0, blank((20,))],
         "find_heights": [one, blank((10,)), blank((8,)), 0.5, one.copy(), one.copy()],
         "rise_over_table": [one, one.copy(), one.copy(), one.copy(), one.copy()],
