@@ -29,7 +29,7 @@ from pecgrasp_env.envs.wrist_camera_env import NOISE
 from pecgrasp_env.robot.agent import UR5Robotiq2F140
 from pecgrasp_env.robot.answer import AnsweringUR5Robotiq2F140
 from pecgrasp_env.robot.kinematics import T_TOOL0_CAMERA, forward_kinematics
-from pecgrasp_env.robot.pad_contact import both_press, outward
+from pecgrasp_env.robot.pad_contact import both_press, held_between, outward
 from pecgrasp_env.scene import table as workbench
 from pecgrasp_env.scene.actors import Recipe, SceneObjects, Wish
 from pecgrasp_env.scene.clutter import BIN
@@ -151,12 +151,13 @@ class SelectiveGraspEnv(RestorableEnv):
     slower than 0.02 m/s. Terminated on failure: `wrong_object` or `off_table`. With `absent` also terminated as soon as
     the class is said not to be there: a success where it is not, a failure where it is. Truncated after 400 steps.
 
-    With `clear` an object may be taken away once both pads press on it while it lies on one of the asked-for class and
-    has risen by no more than 0.05 m since the start. It lies on another where, seen from straight above, 1 cm² of it or
-    more is above that one, or above something that so lies on that one. From then on it is no `wrong_object`, however
-    high it is lifted, and no `wrong_held`. That it leaves the table still is a failure, and so is lifting any other
-    object: one that only hides the asked-for one from the camera, or that comes up with one that was taken. Nothing is
-    earned by taking away.
+    With `clear` an object may be taken away once the pads hold it while it lies on one of the asked-for class and has
+    risen by no more than 0.05 m since the start. They hold it where both press on it, or one does and the other on
+    something else, none of the two of the asked-for class. It lies on another where, seen from straight above, 1 cm² of
+    it or more is above that one, or above something that so lies on that one. From then on it is no `wrong_object`,
+    however high it is lifted, and no `wrong_held`. That it leaves the table still is a failure, and so is lifting any
+    other object: one that only hides the asked-for one from the camera, or that comes up with one that was taken.
+    Nothing is earned by taking away.
 
     `info` says what happened, one value a sub-environment:
     | key | meaning |
@@ -418,7 +419,9 @@ class SelectiveGraspEnv(RestorableEnv):
         held = both_press(forces[:, :, :-1], directions)
         if self.layout.clear:
             low = air - self.memory.air_at_start <= outcome.WRONG_LIFT_HEIGHT
-            self._let_take(held & low, poses)
+            between = held_between(forces[:, :, :-1], directions)
+            alone = between & ~(between & self.is_target).any(dim=1, keepdim=True)
+            self._let_take((held | alone) & low, poses)
         distances = torch.linalg.norm(positions - pads_centre(self.agent)[:, None], dim=2)
         nearest = distances.masked_fill(~self.is_target, torch.inf).min(dim=1)
         self._nearest = nearest.indices

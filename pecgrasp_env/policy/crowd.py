@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy import ndimage
@@ -15,7 +15,8 @@ _CELL_M = 0.005
 _HIGHER_M = 0.008  # than the seen edge of what lies below it
 _NEXT_M = 0.010
 _LEAST_OVERLAP_M2 = 2e-4  # twice what the task asks for: outlines of half-seen things are rough
-_COVERS = 0.06  # of an object's outline: what covers less may as well be beside it, and can be tipped off
+_COVERS = 0.10  # of an object's outline: of what covers less a quarter lies beside it, and it can be tipped off
+_GULF_M = 0.03  # half the width of a gap in what is seen of an object that another may fill: what lies on it hides it
 _AROUND_M = 0.05
 _THICKEST_FLOOR_M = 0.015
 _NO_FLOOR_M = 0.002  # a table is measured better than that
@@ -52,9 +53,12 @@ def borne_by(objects: Sequence[SeenObject], lower: int, plane: np.ndarray | None
     """Those that lie on objects[lower] and are not seen to reach down to the plane (4,), or z = 0: what stands there or
     leans stays behind by itself when the lower one is lifted.
     """
+    return _not_standing(objects, lying_on(objects, lower), plane)
+
+
+def _not_standing(objects: Sequence[SeenObject], which: Iterable[int], plane: np.ndarray | None) -> list[int]:
     normal, offset = (UP, 0.0) if plane is None else (plane[:3], plane[3])
-    lowest = {k: float(np.quantile(objects[k].points @ normal + offset, 0.02)) for k in lying_on(objects, lower)}
-    return [k for k, height in lowest.items() if height > _DOWN_M]
+    return [k for k in which if np.quantile(objects[k].points @ normal + offset, 0.02) > _DOWN_M]
 
 
 def stands_over(objects: Sequence[SeenObject], lower: int) -> np.ndarray | None:
@@ -77,20 +81,50 @@ def stands_over(objects: Sequence[SeenObject], lower: int) -> np.ndarray | None:
 
 
 def uppermost_on(objects: Sequence[SeenObject], lower: int, floor: np.ndarray | None = None) -> list[int]:
-    """Which objects can be taken off objects[lower]: those that cover some of it and that it bears (`borne_by`, floor:
-    the plane (4,) on which it lies), or others on them, on which nothing lies; the highest first.
+    """Which objects can be taken off objects[lower]: those that surely lie on it (`surely_on`) and are not seen to
+    stand on the floor, the plane (4,) on which it lies, or others so on them, on which nothing lies; the highest first.
     """
-    cover = lying_on(objects, lower)
-    borne = [k for k in borne_by(objects, lower, floor) if cover[k] >= _COVERS]
+    borne = _not_standing(objects, surely_on(objects, lower), floor)
     upon, pending, free = {lower, *borne}, borne, []
     while pending:
         k = pending.pop()
-        above = borne_by(objects, k, floor)
+        above = _not_standing(objects, surely_on(objects, k), floor)
         if not above:
             free.append(k)
         pending += [each for each in above if each not in upon]
         upon.update(above)
     return sorted(free, key=lambda k: -float(objects[k].points[:, 2].max()))
+
+
+def surely_on(objects: Sequence[SeenObject], lower: int) -> list[int]:
+    """The objects that cover a good share of objects[lower], and not only of what is around it: seen from above, its
+    outline here follows its own shape, but for gaps that something on it may make.
+    """
+    cells, tops = _cells(objects[lower].points)
+    margin = round(_GULF_M / _CELL_M)
+    corner = np.floor(cells.min(axis=0) / _CELL_M).astype(int) - margin - 1
+
+    def index_of(cells: np.ndarray) -> np.ndarray:
+        return np.asarray(np.floor(cells / _CELL_M).astype(int) - corner)
+
+    own = index_of(cells)
+    height = np.full(own.max(axis=0) + margin + 2, -np.inf)
+    height[tuple(own.T)] = tops
+    seen = np.isfinite(height)
+    outline = ndimage.binary_closing(seen, np.hypot(*np.mgrid[-margin : margin + 1, -margin : margin + 1]) <= margin)
+    nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    height = np.where(outline, height[tuple(nearest)], np.inf)
+    least = max(_COVERS * np.count_nonzero(outline), _LEAST_OVERLAP_M2 / _CELL_M**2)
+    found = []
+    for k, other in enumerate(objects):
+        if k != lower:
+            cells, tops = _cells(other.points)
+            at = index_of(cells)
+            inside = ((at >= 0) & (at < height.shape)).all(axis=1)
+            over = tops[inside] > height[tuple(at[inside].T)] + _HIGHER_M
+            if np.count_nonzero(over) >= least:
+                found.append(k)
+    return found
 
 
 def floor_below(points: np.ndarray, around: np.ndarray, plane: np.ndarray | None) -> np.ndarray | None:

@@ -25,6 +25,9 @@ NOT_FOUND = "not found"
 
 _DOUBT = 0.3  # of a second object, from which one look is not enough
 _PUSHED_M = (0.0, 0.008, 0.015)  # by which a finger may push things aside, the more the fewer free ways there are
+_HOLDS = (
+    0.5  # of the term "bite", from which on nine of ten hold; for what is held by less, neighbours are pushed aside
+)
 _VIEWS_TO_CLEAR = 3  # of an object, after which what lies on it was seen
 _AGREEING = 2  # views that show one thing, of which each alone is unsure
 _BEYOND_DOUBT = 0.99  # probability of the class by both witnesses, from which two views that agree are enough
@@ -216,23 +219,27 @@ class PickPlanner:
         chosen = self.choose(objects)
         if chosen is None:
             return PlannedPick(objects, None, None, None, self._log.confidence, NOT_FOUND)
-        # What lies on it, then itself; with free ways for the fingers, then pushing.
+        pushing = _PUSHED_M if len(objects) > 1 else _PUSHED_M[:1]
         if self._clear:
+            # What lies on it, then itself.
             floor = floor_below(objects[chosen].points, view.surface, view.plane)
             order = [*uppermost_on(objects, chosen, floor), chosen]
+            tries = [(k, pushed) for k in order for pushed in pushing]
         else:
+            # With free ways for the fingers, then pushing.
             order = self._freest_first(objects, chosen)
-        tries = [(k, pushed) for pushed in _PUSHED_M for k in order if not pushed or len(objects) > 1]
+            tries = [(k, pushed) for pushed in pushing for k in order]
         picks = []
         for k, pushed in tries:
             pick = PlannedPick(objects, k, None, None, self._log.confidence, None, clears=self._clear and k != chosen)
             picks.append(self._plan(pick, k, view, q, pushed))
-            if picks[-1].reason is None:
-                if pushed:
-                    self._log.doubts.append("no free way for the fingers: they may push a neighbour aside")
-                return picks[-1]
-        self._log.plan, self._log.chosen = picks[0].plan, picks[0].chosen
-        return picks[0]
+            if _bite(picks[-1]) >= _HOLDS:
+                break
+        best = max(range(len(picks)), key=lambda i: _bite(picks[i]))  # of equals the first
+        self._log.plan, self._log.chosen = picks[best].plan, picks[best].chosen
+        if picks[best].reason is None and tries[best][1]:
+            self._log.doubts.append("no free way for the fingers: they may push a neighbour aside")
+        return picks[best]
 
     def _freest_first(self, objects: list[SeenObject], chosen: int) -> list[int]:
         """The chosen object, and before it where something lies on it, after it where not, others that surely are of
@@ -297,6 +304,14 @@ class PickPlanner:
             width=width,
             opening=opening,
         )
+
+
+def _bite(pick: PlannedPick) -> float:
+    """How surely the grasp's pads reach deep enough to hold, 0 to 1; -1 where there is no grasp."""
+    if pick.reason is not None or pick.plan is None or pick.plan.best is None:
+        return -1.0
+    grasp = pick.plan.best if pick.approach is None else pick.approach.grasp
+    return float(grasp.terms.get("bite", 1.0))
 
 
 def _is_confirmed(seen: SeenObject) -> bool:

@@ -26,6 +26,21 @@ def both_press(
         directions: (num_envs, 2, 3), of `outward`.
         min_force: N, least force on each pad. max_angle: degrees between it and the pad's direction.
     """
+    return _press(forces, directions, min_force, max_angle).all(dim=1)
+
+
+def held_between(
+    forces: torch.Tensor, directions: torch.Tensor, min_force: float = MIN_FORCE_N, max_angle: float = MAX_ANGLE_DEG
+) -> torch.Tensor:
+    """Which of K things the pads hold, (num_envs, K) bool, be it several at once: what presses on either pad while
+    something presses on the other. Arguments as of `both_press`.
+    """
+    press = _press(forces, directions, min_force, max_angle)
+    return press.any(dim=1) & press.any(dim=2).all(dim=1, keepdim=True)
+
+
+def _press(forces: torch.Tensor, directions: torch.Tensor, min_force: float, max_angle: float) -> torch.Tensor:
+    """(num_envs, 2, K) bool: which things press on which pad."""
     size = torch.linalg.norm(forces, dim=3)
     along = (forces * directions[:, :, None]).sum(dim=3)
-    return ((size >= min_force) & (along >= float(np.cos(np.radians(max_angle))) * size)).all(dim=1)
+    return (size >= min_force) & (along >= float(np.cos(np.radians(max_angle))) * size)

@@ -63,8 +63,11 @@ def lay_out(
         return poses
     outlines = [outline_of(model, pose) for model, pose in zip(models, resting, strict=True)]
     gaps = CLOSE_GAP_M if clutter == "close" else _TOUCHING_GAP_M
-    for _ in range(_CROWDS):
-        places = _crowd(outlines, rng, gaps, region)
+    by_size = sorted(range(len(models)), key=lambda k: -float(np.prod(np.ptp(outlines[k], axis=0))))
+    for attempt in range(2 * _CROWDS):
+        # As they come; where that never fits, the large ones first, each where the crowd grows least.
+        dense = attempt >= _CROWDS
+        places = _crowd(outlines, rng, gaps, region, by_size if dense else range(len(models)), dense)
         if places is None:
             continue
         poses = np.array([move(pose, yaw, at) for pose, (yaw, at) in zip(resting, places, strict=True)])
@@ -78,33 +81,43 @@ def lay_out(
 
 
 def _crowd(
-    outlines: Sequence[np.ndarray], rng: np.random.Generator, gaps: tuple[float, float], region: Region
+    outlines: Sequence[np.ndarray],
+    rng: np.random.Generator,
+    gaps: tuple[float, float],
+    region: Region,
+    order: Sequence[int],
+    dense: bool,
 ) -> list[tuple[float, np.ndarray]] | None:
     """Yaw and place (2,) of each outline (K, 2), each but the first moved up to the others; None: no room for one.
 
-    The crowd grows round the origin and is then put somewhere in the region.
+    The crowd grows round the origin and is then put somewhere in the region. order: in which they come. dense: of the
+    sides from which each may come that is taken from which the crowd stays smallest, not the first that fits.
     """
-    places: list[tuple[float, np.ndarray]] = []
+    places: dict[int, tuple[float, np.ndarray]] = {}
     placed: list[np.ndarray] = []
     size = np.array([region.x_max - region.x_min, region.y_max - region.y_min])
-    for outline in outlines:
+    for k in order:
+        best: tuple[float, float, np.ndarray] | None = None
         for _ in range(_SIDES):
             yaw = float(rng.uniform(-np.pi, np.pi))
-            turned = turn(outline, yaw)
+            turned = turn(outlines[k], yaw)
             at = np.zeros(2)
             if placed:
-                towards = np.mean([place for _, place in places], axis=0)
+                towards = np.mean([place for _, place in places.values()], axis=0)
                 at = _move_up(turned, placed, towards, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(*gaps)))
-            if (np.ptp(np.concatenate([*placed, turned + at]), axis=0) <= size).all():
-                break
-        else:
+            extent = np.ptp(np.concatenate([*placed, turned + at]), axis=0)
+            if (extent <= size).all() and (best is None or extent.prod() < best[0]):
+                best = (float(extent.prod()), yaw, at)
+                if not dense:
+                    break
+        if best is None:
             return None
-        places.append((yaw, at))
-        placed.append(turned + at)
+        places[k] = best[1:]
+        placed.append(turn(outlines[k], best[1]) + best[2])
     points = np.concatenate(placed)
     free = size - np.ptp(points, axis=0)
     shift = np.array([region.x_min, region.y_min]) - points.min(axis=0) + rng.uniform(size=2) * free
-    return [(yaw, at + shift) for yaw, at in places]
+    return [(places[k][0], places[k][1] + shift) for k in range(len(outlines))]
 
 
 def _move_up(

@@ -20,7 +20,7 @@ from pecgrasp_env.envs.task_state import LIFT_HEIGHT, Memory
 from pecgrasp_env.envs.validation import TaskError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.robot import UR5Robotiq2F140, gripper_linkage
-from pecgrasp_env.robot.pad_contact import both_press, outward
+from pecgrasp_env.robot.pad_contact import both_press, held_between, outward
 
 SOURCE = Catalogue(LARS_CLASSES, instances_per_class=2)
 HOME = np.array([*UR5Robotiq2F140.keyframes["home"].qpos[:6], 0.14, 60.0], np.float32)
@@ -199,6 +199,18 @@ def test_forces_of_one_walk_are_those_of_many_queries(env):
         assert 0 <= float(squeeze(fast, directions)) <= gripper_linkage.FORCE_RANGE_N
         held.append(bool(info["target_held"]))
     assert any(held)
+
+
+def test_two_things_between_the_pads_are_held_together_and_one_that_a_single_pad_touches_is_not():
+    directions = torch.tensor([[[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])  # outwards of the left and the right pad
+    forces = torch.zeros(1, 2, 3, 3)
+    forces[0, 0, 0, 1] = -5.0
+    assert held_between(forces, directions).tolist() == [[False, False, False]]
+    forces[0, 1, 2, 1] = 5.0
+    assert held_between(forces, directions).tolist() == [[True, False, True]]
+    assert both_press(forces, directions).tolist() == [[False, False, False]]
+    forces[0, 1, 2] = torch.tensor([5.0, 0.0, 0.0])  # beside the pad
+    assert held_between(forces, directions).tolist() == [[False, False, False]]
 
 
 def test_disturbance_is_how_far_others_were_moved(env):

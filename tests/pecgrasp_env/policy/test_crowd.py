@@ -61,8 +61,8 @@ def test_what_is_seen_to_stand_on_the_table_is_not_borne_though_it_rises_over_th
 
 def test_what_nothing_lies_on_is_taken_first():
     assert uppermost_on([seen(LOWER), seen(UPPER), seen(TOP)], 0) == [2]
-    far = patch((0.44, 0.48), (0.02, 0.04), 0.05)
-    near = patch((0.44, 0.48), (0.045, 0.06), 0.06)
+    far = patch((0.44, 0.48), (0.00, 0.025), 0.05)
+    near = patch((0.44, 0.48), (0.03, 0.06), 0.06)
     assert uppermost_on([seen(LOWER), seen(far), seen(near)], 0) == [2, 1]  # the higher one first
     assert uppermost_on([seen(LOWER), seen(BESIDE)], 0) == []
 
@@ -76,7 +76,25 @@ def test_what_stands_on_the_floor_or_covers_next_to_nothing_is_not_taken_off():
     corner = patch((0.471, 0.489), (0.046, 0.059), 0.06)  # some 3 of 72 cm²
     assert list(lying_on([seen(LOWER), seen(corner)], 0)) == [1]
     assert uppermost_on([seen(LOWER), seen(corner)], 0, bottom) == []
-    assert uppermost_on([seen(LOWER), seen(UPPER), seen(corner + np.array([-0.02, 0, 0.03]))], 0, bottom) == [2]
+    above = [seen(LOWER), seen(UPPER), seen(corner + np.array([-0.02, 0, 0.03]))]
+    assert uppermost_on(above, 0, bottom) == [1]
+    above[2] = seen(patch((0.45, 0.47), (0.04, 0.06), 0.09))  # 4 of the upper one's 32 cm²
+    assert uppermost_on(above, 0, bottom) == [2]
+
+
+def test_what_stands_in_the_bay_of_a_thing_is_not_taken_off_it():
+    two_grips = np.concatenate(
+        [
+            patch((0.40, 0.43), (0.0, 0.12), 0.03),
+            patch((0.40, 0.52), (0.0, 0.03), 0.03),
+            patch((0.49, 0.52), (0.0, 0.12), 0.03),
+        ]
+    )
+    between = patch((0.435, 0.485), (0.10, 0.18), 0.06)
+    assert list(lying_on([seen(two_grips), seen(between)], 0)) == [1]
+    across = patch((0.38, 0.54), (0.06, 0.10), 0.06)
+    assert uppermost_on([seen(two_grips), seen(between)], 0) == []
+    assert uppermost_on([seen(two_grips), seen(across)], 0) == [1]
 
 
 def test_what_is_pushed_aside_loses_its_rim_and_what_is_thin_is_not_pushed():
@@ -222,6 +240,32 @@ def test_of_two_of_the_class_that_is_taken_on_which_nothing_lies(covered):
     log = PolicyLog()
     PickPlanner(None, CurvaturePlanner(ROBOTIQ_2F_140), None, 0.6, "mouse", log).decide(objects, view, None)
     assert log.chosen == (1 if covered else 0)
+
+
+def block(x, y, height):
+    """What is seen of a box on the table from all sides."""
+    heights = np.arange(0.004, height, 0.004)
+    along_x = np.stack(np.meshgrid(np.arange(*x, 0.002), y, heights, indexing="ij"), axis=-1).reshape(-1, 3)
+    along_y = np.stack(np.meshgrid(x, np.arange(*y, 0.002), heights, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.concatenate([patch(x, y, height), along_x, along_y])
+
+
+def test_what_could_be_held_by_its_top_only_is_held_deeper_beside_neighbours_that_give_way():
+    asked = seen(block((0.47, 0.53), (0.0, 0.04), 0.058), mouse=1.0)
+    ends = [block((0.40, 0.458), (0.0, 0.04), 0.045), block((0.542, 0.60), (0.0, 0.04), 0.045)]
+    sides = [block((0.40, 0.60), (-0.072, -0.012), 0.045), block((0.40, 0.60), (0.052, 0.112), 0.045)]
+    objects = [asked, *(seen(each, cup=1.0) for each in ends + sides)]
+    view = View(None, objects, [], [], TABLE, np.zeros((0, 3)))
+    view.__dict__["surface"] = np.zeros((0, 3))
+    log = PolicyLog()
+    planner = CurvaturePlanner(ROBOTIQ_2F_140)
+    pick = PickPlanner(None, planner, None, 0.6, "mouse", log).decide(objects, view, None)
+    assert pick.plan.best.terms["bite"] > 0.5
+    assert log.doubts == ["no free way for the fingers: they may push a neighbour aside"]
+    free = planner.plan(
+        asked.points, up=[0, 0, 1], table=TABLE, obstacles=np.concatenate([each.points for each in objects[1:]])
+    )
+    assert free.best.terms["bite"] < 0.5
 
 
 def test_places_are_free_where_the_table_was_seen_and_nothing_stands():

@@ -75,6 +75,16 @@ def test_close_objects_have_a_neighbour_at_the_gap_and_none_nearer(models, seed)
     assert (points.max(axis=0) <= (REGION.x_max + 1e-9, REGION.y_max + 1e-9)).all()
 
 
+def test_a_crowd_that_finds_no_room_as_it_comes_is_laid_out_the_large_ones_first(models):
+    tight = Region(0.39, 0.61, -0.1375, 0.1375)
+    poses = lay_out(models, np.random.default_rng(5), tight, "close")  # in its order none of forty tries has room
+    points = np.concatenate(outlines(models, poses))
+    assert (points.min(axis=0) >= (tight.x_min - 1e-9, tight.y_min - 1e-9)).all()
+    assert (points.max(axis=0) <= (tight.x_max + 1e-9, tight.y_max + 1e-9)).all()
+    with pytest.raises(PlacementError):
+        lay_out(models, np.random.default_rng(0), Region(0.45, 0.55, -0.05, 0.05), "close")
+
+
 def test_touching_objects_lean_on_each_other_and_rest(models):
     poses = lay_out(models[:3], np.random.default_rng(1), REGION, "touching")
     shapes = outlines(models[:3], poses)
