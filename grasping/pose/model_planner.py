@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from grasping.curvature_planner.planner import CurvaturePlanner
 from grasping.errors import ModelError
-from grasping.grasp import GraspPlan
+from grasping.grasp import GraspPlan, GraspPlanner
 from grasping.gripper import ROBOTIQ_2F_140, Gripper
 from grasping.pose.object_model import ObjectModel, load_models
 from grasping.pose.object_pose import ObjectPose
@@ -120,3 +120,8 @@ class OfClass:
     def plan(self, points: ArrayLike, **scene: Any) -> GraspPlan:
         """As `ModelPlanner.plan`, with the class that is known."""
         return self.planner.plan(points, label=self.label, **scene)
+
+
+def told_class(planner: GraspPlanner, label: str) -> GraspPlanner:
+    """The planner for what is known to be of a class: one that has models looks among those of it."""
+    return planner.of_class(label) if isinstance(planner, ModelPlanner) else planner

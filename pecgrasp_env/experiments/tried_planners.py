@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from grasping import GraspPlanner
+from grasping.pose.model_planner import told_class
 from pec.grasps.labels import HELD, GraspLabels, GraspScene
 from pec.metrics.proportions import mcnemar, wilson_interval
 from pecgrasp_env.capture.grasps.antipodal import TABLE
@@ -59,13 +60,14 @@ def compare_planners(labels: GraspLabels, reference: str) -> dict[str, Any]:
 
 def plan_times_ms(planners: Mapping[str, GraspPlanner], scenes: Sequence[GraspScene]) -> dict[str, float]:
     """The median time of a plan on this machine, ms, over the first 20 of the scenes, after one that does not count."""
-    clouds = [(scene.points.astype(float), scene.T_world_camera[:3, 3]) for scene in scenes[:_TIMED]]
+    clouds = [(scene.class_name, scene.points.astype(float), scene.T_world_camera[:3, 3]) for scene in scenes[:_TIMED]]
     medians = {}
     for name, planner in planners.items():
         times = []
-        for points, viewpoint in [clouds[0], *clouds]:
+        for label, points, viewpoint in [clouds[0], *clouds]:
+            told = told_class(planner, label)
             begin = time.perf_counter()
-            planner.plan(points, up=UP, table=TABLE, viewpoint=viewpoint)
+            told.plan(points, up=UP, table=TABLE, viewpoint=viewpoint)
             times.append(time.perf_counter() - begin)
         medians[name] = 1e3 * float(np.median(times[1:]))
     return medians

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from grasping import GraspPlan, GraspPlanner, ModelPlanner, Segmenter
+from grasping.pose.model_planner import told_class
 from grasping.selective import CERTAIN, POSSIBLE, SURE
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
@@ -256,10 +257,8 @@ class PickPlanner:
 
     def _planner_for(self, seen: SeenObject, clears: bool) -> GraspPlanner:
         """One that has models is told the class: that asked for, of what lies on it the likeliest."""
-        if not isinstance(self._planner, ModelPlanner):
-            return self._planner
         shares = seen.probabilities()
-        return self._planner.of_class(max(shares, key=shares.__getitem__) if clears else self._target)
+        return told_class(self._planner, max(shares, key=shares.__getitem__) if clears else self._target)
 
     def _plan(self, pick: PlannedPick, chosen: int, view: View, q: np.ndarray | None, pushed: float) -> PlannedPick:
         """The pick with grasp and paths; pushed: how far [m] the fingers may push the object's neighbours aside."""

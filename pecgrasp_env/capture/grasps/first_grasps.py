@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from grasping import ROBOTIQ_2F_140, GraspPlanner
+from grasping.pose.model_planner import told_class
 from pecgrasp_env.capture.grasps.antipodal import OPEN_MARGIN_M, TABLE
 from pecgrasp_env.capture.grasps.candidates import Candidates
 from pecgrasp_env.motion.grasp_approach import clear_of_table
@@ -37,8 +38,11 @@ class FirstGrasps:
         count: int,
         rng: np.random.Generator,
     ) -> Candidates:
-        """Of an object seen as points (N, 3) from a viewpoint (3,), world; that is all that the planners are told."""
-        plans = [planner.plan(points, up=UP, table=TABLE, viewpoint=viewpoint) for planner in self._planners]
+        """Of an object seen as points (N, 3) from a viewpoint (3,), world; the planners are told no more than that, but
+        one that has models the class.
+        """
+        told = [told_class(planner, model.class_name) for planner in self._planners]
+        plans = [planner.plan(points, up=UP, table=TABLE, viewpoint=viewpoint) for planner in told]
         found = [(code, plan.best) for code, plan in enumerate(plans) if plan.best is not None]
         stroke = ROBOTIQ_2F_140.stroke
         openings = [min(stroke, grasp.terms.get("opening", grasp.width + OPEN_MARGIN_M)) for _, grasp in found]

@@ -74,6 +74,7 @@ class TrialBench:
         self._finger = {
             int(i): (k, side) for k, pair in enumerate(self._hands.finger_ids) for side, i in enumerate(pair)
         }
+        self._lying: dict[int, np.ndarray] = {}  # T_world_object of what no hand has touched yet, by cell
         self._cell_of = {body.entity.per_scene_id: k for k, body in enumerate(self._objects)}
 
     def run(
@@ -116,6 +117,7 @@ class TrialBench:
             body.entity.set_pose(sapien.Pose(T))
             body.linear_velocity = body.angular_velocity = np.zeros(3)
             body.wake_up()
+        self._lying = dict(enumerate(T_object))
         corners = np.einsum("nij,kj->nki", T_object[:, :3, :3], self._hull) + T_object[:, None, :3, 3]
         ahead = np.einsum("nki,ni->nk", corners - T_grasp[:, None, :3, 3], T_grasp[:, :3, 2])
         self._standoffs = np.maximum(ROBOTIQ_2F_140.pad_length / 2 + _CLEAR_M - ahead.min(axis=1), _CLEAR_M)
@@ -150,6 +152,7 @@ class TrialBench:
 
     def _lift(self, forces: np.ndarray) -> None:
         """The table sinks as half a cosine; what that motion of the hand does to the object is added."""
+        self._lying.clear()
         amplitude, rate = _LIFT_M / 2, np.pi / _LIFT_S
         for start in np.arange(0, _LIFT_S + _HUNG_S - 1e-9, CONTROL_S):
             self._hands.squeeze_to(np.zeros(len(forces)), forces)
@@ -178,6 +181,19 @@ class TrialBench:
         self._hands.squeeze_to(wishes, forces)
         for _ in range(_STEPS):
             self._scene.step()
+        self._keep_still()
+
+    def _keep_still(self) -> None:
+        """Put back what no hand has touched: PhysX has no rolling friction, and a can on its side would roll away."""
+        for contact in self._scene.get_contacts() if self._lying else ():
+            first, second = contact.bodies
+            if self._table not in (first, second) and any(point.impulse.any() for point in contact.points):
+                for body in (first, second):
+                    self._lying.pop(self._cell_of.get(body.entity.per_scene_id, -1), None)
+        for cell, T in self._lying.items():
+            body = self._objects[cell]
+            body.entity.set_pose(sapien.Pose(T))
+            body.linear_velocity = body.angular_velocity = np.zeros(3)
 
     def _accelerate(self, accelerations: np.ndarray) -> None:
         """Over the next physics step, m/s² (n, 3)."""

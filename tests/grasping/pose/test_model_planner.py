@@ -10,6 +10,7 @@ from mesh_shapes import bottle, box, join, moved, mug, write_ply
 
 from grasping import ConfigError, CurvaturePlanner, ModelError, ModelPlanner, PoseEstimator
 from grasping.pose.depth_image import depth_image
+from grasping.pose.model_planner import told_class
 from grasping.pose.object_model import object_model
 from grasping.pose.outline import outline
 from grasping.pose.pose_file import estimate_file
@@ -74,6 +75,13 @@ def test_where_no_model_is_found_the_cloud_is_planned_on_and_the_plan_says_why(p
     alone = CurvaturePlanner().plan(cloud, table=TABLE)
     np.testing.assert_array_equal([g.pose for g in plan.candidates], [g.pose for g in alone.candidates])
     assert "inlier_share" not in plan.best.terms
+
+
+def test_only_a_planner_with_models_is_told_the_class(planner, cloud):
+    assert told_class(planner, "bottle").plan(cloud, table=TABLE).source.startswith("the cloud: ")
+    assert told_class(planner, "mug").plan(cloud, table=TABLE).source.startswith("the model mug")
+    without = CurvaturePlanner()
+    assert told_class(without, "mug") is without
 
 
 def test_what_is_seen_beside_the_model_is_in_the_way(planner, cloud):

@@ -155,6 +155,23 @@ def test_what_is_too_heavy_for_the_grip_is_not_lifted_and_what_nearly_is_is_lost
     assert LOST in [outcome(mass) for mass in (1.0, 1.2, 1.4)]
 
 
+def test_what_rolls_by_itself_has_not_been_touched_and_lies_still_until_it_is():
+    """A prism of twelve faces, tipped 8° off one of them: let alone it rocks back, by more than a touch may turn it."""
+    around = np.radians(15 + 30 * np.arange(12))
+    corners = np.array([(x, 0.03 * np.sin(a), 0.03 * np.cos(a)) for x in (-0.05, 0.05) for a in around], np.float32)
+    prism = trimesh.convex.convex_hull(corners)
+    part = Part(prism.vertices.astype(np.float32), prism.faces.astype(np.int32), (1.0, 0.0, 0.0, 1.0))
+    model = ObjectModel("block", "prism", (part,), (corners,), 0.2)
+    T = trimesh.transformations.rotation_matrix(np.radians(8), (1, 0, 0))
+    T[2, 3] = -(corners @ T[:3, :3].T)[:, 2].min()
+    across = at(0, 0, 0.04) @ np.array([[0, 1.0, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
+    high = across + np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0.3], [0, 0, 0, 0]])
+    outcomes = TrialBench(model, 2).run(
+        np.stack([T] * 4), np.stack([across, high] * 2), np.full(4, 0.1), np.full(4, 60.0)
+    )
+    assert outcomes.tolist() == [HELD, NOT_LIFTED] * 2
+
+
 # ---------------------------------------------------------------------------------------------------------------- sets
 
 

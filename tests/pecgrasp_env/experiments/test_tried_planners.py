@@ -68,9 +68,10 @@ def test_a_plan_is_timed_for_each_planner(labels) -> None:
 
 
 def test_each_planner_gives_its_first_grasp() -> None:
-    points = np.asarray(make_object("can", 0).visual_mesh().sample(600, seed=0), float)
+    can = make_object("can", 0)
+    points = np.asarray(can.visual_mesh().sample(600, seed=0), float)
     points[:, 2] -= points[:, 2].min()
-    drawn = FirstGrasps(PLANNERS).draw(None, np.eye(4), points, np.array([0.3, 0, 0.6]), 7, np.random.default_rng(0))
+    drawn = FirstGrasps(PLANNERS).draw(can, np.eye(4), points, np.array([0.3, 0, 0.6]), 7, np.random.default_rng(0))
     assert drawn.sampler.tolist() == [0, 1]
     assert drawn.poses.shape == (2, 4, 4)
     assert (drawn.widths < drawn.openings).all()
