@@ -107,9 +107,21 @@ class SimulatedRobot:
         """What is up lies again where it lay at the start."""
         for actor, lay in zip(self.task.objects, self._lay, strict=True):
             if float(actor.pose.p[0, 2]) > lay.p[2] + _UP_M:
-                actor.set_pose(lay)
-                actor.set_linear_velocity(torch.zeros(3))
-                actor.set_angular_velocity(torch.zeros(3))
+                _lay_down(actor, lay)
+
+    def swap(self) -> None:
+        """The asked-for object and the nearest of another class have changed places, each turned as it lay. Raises
+        ValueError where there is none.
+        """
+        classes = [model.class_name for model in self.task.models[0]]
+        one = classes.index(self.target)
+        at = [np.array(lay.p[:2]) for lay in self._lay]
+        others = [k for k, name in enumerate(classes) if name != self.target]
+        if not others:
+            raise ValueError(f"nothing but the {self.target} lies there: env.n_objects=2 or more")
+        other = min(others, key=lambda k: float(np.linalg.norm(at[k] - at[one])))
+        for k, place in ((one, at[other]), (other, at[one])):
+            _lay_down(self.task.objects[k], sapien.Pose([*place, self._lay[k].p[2]], self._lay[k].q))
 
     def report(self) -> dict[str, object]:
         """What is asked for, how the episode ended, what lies there and where, (K, 3) m, base frame."""
@@ -122,3 +134,10 @@ class SimulatedRobot:
             "instances": [model.instance for model in models],
             "places": [actor.pose.p[0].tolist() for actor in self.task.objects],
         }
+
+
+def _lay_down(actor: Any, pose: sapien.Pose) -> None:
+    """At rest there."""
+    actor.set_pose(pose)
+    actor.set_linear_velocity(torch.zeros(3))
+    actor.set_angular_velocity(torch.zeros(3))

@@ -51,7 +51,8 @@ class Surroundings:
             reach = math.ceil((size + margin) / CELL_M)
             inside = ((cell >= reach) & (cell < np.array(self._heights.shape) - reach)).all(axis=1)
             posture, sphere, cell = posture[inside], sphere[inside], cell[inside]
-            under, rise = _ball(size + margin, self._heights.shape[1])
+            row, column, rise = _ball(size + margin)
+            under = row * self._heights.shape[1] + column  # in the flat map, counted from the cell under the centre
             index = cell[:, 0] * self._heights.shape[1] + cell[:, 1]
             reached = (self._heights.take(index[:, None] + under) + rise).max(axis=1)
             hit[posture[height[posture, sphere] < reached]] = True
@@ -62,16 +63,16 @@ class Surroundings:
         return (centres @ self._plane[:3] + self._plane[3] - radius < margin).any(axis=1)
 
 
-@lru_cache(maxsize=256)
-def _ball(radius: float, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the cells under a ball (C,): their places in a flat map of so many columns, counted from the one under its
-    centre, and how far below the centre it ends over each.
+@lru_cache(maxsize=256)  # there are fewer radii; what a map's size made of them would be new with each scene
+def _ball(radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the cells under a ball (C,): their rows and columns, counted from the one under its centre, and how far below
+    the centre it ends over each.
     """
     reach = math.ceil(radius / CELL_M)
     i, j = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     rest = radius**2 - CELL_M**2 * (i * i + j * j)
     under = rest >= 0
-    return (i * columns + j)[under], np.sqrt(rest[under])
+    return i[under], j[under], np.sqrt(rest[under])
 
 
 def hits_itself(robot: Spheres, centres: np.ndarray) -> np.ndarray:

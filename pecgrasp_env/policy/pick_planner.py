@@ -17,9 +17,9 @@ from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.policy.crowd import floor_below, lying_on, stands_over, uppermost_on, without_rim
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation
-from pecgrasp_env.policy.perception import View, look
+from pecgrasp_env.policy.perception import View, look, still_there
 from pecgrasp_env.policy.planned_pick import PlannedPick
-from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, log_odds, merge, most_trusted
+from pecgrasp_env.policy.seen_objects import SeenObject, class_probabilities, is_near, log_odds, merge, most_trusted
 from pecgrasp_env.robot.kinematics import UP
 
 NOT_FOUND = "not found"
@@ -247,13 +247,33 @@ class PickPlanner:
         the class, too, and on which nothing lies.
         """
         others = [
-            k
-            for k, seen in enumerate(objects)
-            if k != chosen and not seen.touches_border and self._may_take(seen) and _is_confirmed(seen)
-            if seen.is_a(self._target) >= SURE and seen.certainty >= CERTAIN and not lying_on(objects, k)
+            k for k, seen in enumerate(objects) if k != chosen and self._is_surely(seen) and not lying_on(objects, k)
         ]
         others.sort(key=lambda k: -objects[k].trust)
         return [*others, chosen] if lying_on(objects, chosen) else [chosen, *others]
+
+    def _is_surely(self, seen: SeenObject) -> bool:
+        """Whether it is one whole object of the asked-for class, as good as certainly."""
+        whole = not seen.touches_border and seen.certainty >= CERTAIN
+        return whole and self._may_take(seen) and seen.is_a(self._target) >= SURE
+
+    def why_not_taken(
+        self, taken: SeenObject, others: list[SeenObject], observation: RobotObservation, plane: np.ndarray | None
+    ) -> str | None:
+        """After lifting, why the hand does not hold the asked-for object, which was seen as ``taken``; or None.
+
+        Where one of the ``others`` lay that was not likely of the asked-for class, something may now surely be: then
+        what was taken for it was something else, or somebody put another thing in its place.
+        """
+        if still_there(taken, observation, plane):
+            return "it is still on the table"
+        places = [seen for seen in others if seen.probabilities().get(self._target, 0.0) < _DOUBT]
+        if self._classifier is None or not places:
+            return None
+        for seen in self._classified(look, observation, self._segmenter).objects:
+            if self._is_surely(seen) and any(is_near(seen, other) for other in places):
+                return f"holds something else: the {self._target} lies where another thing was"
+        return None
 
     def _planner_for(self, seen: SeenObject, clears: bool) -> GraspPlanner:
         """One that has models is told the class: that asked for, of what lies on it the likeliest."""

@@ -22,7 +22,7 @@ from pecgrasp_env.policy.grip_force import grip_force
 from pecgrasp_env.policy.holding import LIFT_SPEED, lift, put_down, take_hold, tipped_lift
 from pecgrasp_env.policy.log import PolicyLog
 from pecgrasp_env.policy.observation import RobotObservation, observation_of_frame, read_observation
-from pecgrasp_env.policy.perception import View, still_there
+from pecgrasp_env.policy.perception import View
 from pecgrasp_env.policy.pick_planner import NOT_FOUND, PickPlanner
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.seen_objects import SeenObject
@@ -202,7 +202,8 @@ class ScriptedPolicy:
                 continue
             approach, taken = pick.approach, objects[pick.chosen]
             upon = [objects[k].points for k in borne_by(objects, pick.chosen, views[-1].plane)]
-            others = [views[-1].obstacles, *(each.points for each in objects if each is not taken)]
+            beside = [each for each in objects if each is not taken]
+            others = [views[-1].obstacles, *(each.points for each in beside)]
             objects = []  # what is touched may move
             self.log.grasp = approach.grasp
             slipped = any(failure.startswith("lost") for failure in self.log.failures)
@@ -213,9 +214,11 @@ class ScriptedPolicy:
                 failure, tipped = tipped_lift(arm, self.log, approach, taken, upon, others, views[-1])
             if failure is None:
                 failure, lifted, observation = yield from lift(arm, self.log, approach, tipped, observation)
-            if failure is None and still_there(taken, observation, views[-1].plane):
-                failure = "it is still on the table"
-                observation = yield from arm.go(lifted[::-1], observation, opening=0.0, speed=LIFT_SPEED)
+                if failure is None:
+                    surely = [] if pick.clears or upon else beside  # in a heap what is taken may uncover others
+                    failure = pick_planner.why_not_taken(taken, surely, observation, views[-1].plane)
+                    if failure is not None:
+                        observation = yield from arm.go(lifted[::-1], observation, opening=0.0, speed=LIFT_SPEED)
             if failure is None and not pick.clears:
                 self.log.lifted = True
                 self.log.doing = "holding it"

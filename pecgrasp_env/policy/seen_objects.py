@@ -117,7 +117,7 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
                 left_out_old[pieces] = True
             else:
                 left_out_new[j] = True
-    near = [[np.linalg.norm((old.centroid - new.centroid)[:2]) < _SAME_OBJECT_M for new in seen] for old in known]
+    near = [[is_near(old, new) for new in seen] for old in known]
     # What covers the same place first, then what only has its middle there, as two sides of one object do.
     score = np.maximum(of_old, of_new)
     score = np.where(score > _PARTLY, 1.0 + score, np.array(near, float).reshape(score.shape))
@@ -134,6 +134,11 @@ def merge(known: list[SeenObject], seen: list[SeenObject]) -> list[SeenObject]:
         old.viewpoints, old.unseen = np.concatenate([old.viewpoints, new.viewpoints]), new.unseen
         old.certainty = max(old.certainty, new.certainty)
     return result + [new for new, gone in zip(seen, joined, strict=True) if not gone]
+
+
+def is_near(one: SeenObject, other: SeenObject) -> bool:
+    """Whether the middles of two lie as near to each other as those of one object in two views."""
+    return bool(np.linalg.norm((one.centroid - other.centroid)[:2]) < _SAME_OBJECT_M)
 
 
 def most_trusted(objects: Sequence[SeenObject], pixels: Sequence[np.ndarray]) -> list[int]:

@@ -32,16 +32,19 @@ class Sight:
         self._mount, self._seen = mount, seen
 
     def observe(self) -> RobotObservation:
-        """This moment; the frame is taken when it is looked at."""
+        """This moment; the frame is taken when it is looked at.
+
+        What takes the frame does not hold the observation, which would live on with it until Python looks for cycles.
+        """
         q = self._arm.state.q
         opening = float(np.clip(self._gripper.width, 0.0, STROKE))
         arm = self._arm.lengths
         camera = self._mount.T_base_camera(q, arm)
-        observation = RobotObservation(q, opening, lambda: self._take(observation), camera=camera, arm=arm)
-        return observation
 
-    def _take(self, observation: RobotObservation) -> DepthFrame:
-        image = self._camera.grab()
-        frame = DepthFrame(image.depth, image.intrinsics)
-        self._seen(observation, frame)
-        return frame
+        def take() -> DepthFrame:
+            image = self._camera.grab()
+            frame = DepthFrame(image.depth, image.intrinsics)
+            self._seen(RobotObservation(q, opening, lambda: frame, camera=camera, arm=arm), frame)
+            return frame
+
+        return RobotObservation(q, opening, take, camera=camera, arm=arm)

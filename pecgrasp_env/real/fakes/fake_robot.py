@@ -102,7 +102,7 @@ class FakeRobot:
         self.fault_at = None
 
     def provoke(self, fault: str) -> None:
-        """One of FAULTS, from now on. Raises KeyError for another."""
+        """One of FAULTS, from now on. Raises KeyError for another, ValueError where the plant cannot have it."""
         act = FAULTS[fault]
         self.fault_at = self.controller.time
         act(self)
@@ -142,6 +142,7 @@ FAULTS: dict[str, Callable[[FakeRobot], None]] = {
     "gripper_stuck": lambda robot: setattr(robot.gripper, "stuck", True),
     "gripper_fault": lambda robot: robot.gripper.fail(8),
     "object_lost": lambda robot: robot.plant.drop(),  # once, and not mended: it slipped out of the fingers
+    "objects_swapped": lambda robot: robot.plant.swap(),  # once: somebody reached in
     "none": _mended,
 }
 
@@ -162,7 +163,10 @@ class BenchConnection(LineConnection):
         if "fault" in wish:
             if wish["fault"] not in FAULTS:
                 return {"error": f"no fault {wish['fault']!r}; there are {', '.join(FAULTS)}"}
-            robot.provoke(wish["fault"])
+            try:
+                robot.provoke(wish["fault"])
+            except ValueError as error:
+                return {"error": str(error)}
         if "reset" in wish:
             robot.reset(int(wish["reset"]))
         if wish.get("ask") == "stop":

@@ -38,6 +38,11 @@ class Plant(Protocol):
     def drop(self) -> None:
         """What is between the fingers is no longer there, as if it had slipped out."""
 
+    def swap(self) -> None:
+        """The asked-for thing and another have changed places, as if somebody had reached in. Raises ValueError where
+        there is no other.
+        """
+
     def report(self) -> dict[str, object]:
         """What only the plant knows, such as whether the right object is up."""
 
@@ -56,6 +61,9 @@ class FollowingJoints:
 
     def drop(self) -> None:
         self._dropped = True
+
+    def swap(self) -> None:
+        raise ValueError("joints alone have no things to change places: fake-robot scene=simulated has some")
 
     @property
     def q(self) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Episodes through the sockets are those of the simulation: the same scenes, judged by the same task."""
 
+import ctypes
+import gc
 from dataclasses import replace
 
 import pytest
@@ -8,9 +10,38 @@ pytest.importorskip("rtde_control", reason="pip install 'pecgrasp[ur]'")
 
 from grasping import ROBOTIQ_2F_140, CurvaturePlanner
 from pecgrasp_env.evaluation.run import EvaluationError, Protocol, run_episodes
+from pecgrasp_env.evaluation.sockets import SocketRunner
 
 ENV = {"n_objects": 1, "classes": ["plug_adapter"], "objects": {"seed": 1000}}
 PLANNER = {"_target_": "grasping.CurvaturePlanner"}
+MEMORY_MIB = 0.6  # what ten picks may add; one frame of each of them would be 3.9
+_MIB = 2**20
+
+
+class _MallocInfo(ctypes.Structure):
+    """What glibc's mallinfo2 tells, bytes."""
+
+    _NAMES = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+    _fields_ = [(name, ctypes.c_size_t) for name in _NAMES.split()]
+
+
+@pytest.fixture
+def heap_mib():
+    """A function that tells the heap in use of this process, MiB, in all arenas and mapped, while nothing searches for
+    cycles: what waits for that search counts as grown.
+    """
+    mallinfo = getattr(ctypes.CDLL(None), "mallinfo2", None)
+    if mallinfo is None:
+        pytest.skip("glibc 2.33 or newer tells the heap in use")
+    mallinfo.restype = _MallocInfo
+
+    def in_use():
+        told = mallinfo()
+        return (told.uordblks + told.hblkhd) / _MIB
+
+    gc.disable()
+    yield in_use
+    gc.enable()
 
 
 def too_narrow():
@@ -48,6 +79,20 @@ def test_a_pick_that_failed_leaves_its_frames_and_a_page(tmp_path):
     assert episode.reason.startswith("no grasp")
     folder = tmp_path / "failures" / "700003"
     assert {"pick.html", "outcome.json", "steps.jsonl", "frames"} <= {each.name for each in folder.iterdir()}
+
+
+@pytest.mark.slow
+def test_picks_one_after_the_other_keep_nothing(heap_mib, tmp_path):
+    runner = SocketRunner(Protocol(ENV, None, PLANNER, {}).make_policy(), ENV, 20, tmp_path)
+    try:
+        held = []
+        for seed in range(710_000, 710_014):
+            assert runner.run(seed).outcome in {"success", "missed", "no_grasp"}
+            held.append(heap_mib())
+    finally:
+        runner.close()
+    # Each pick leaves its last objects until the next one begins: the least of some is what stays.
+    assert min(held[-4:]) - min(held[:4]) < MEMORY_MIB
 
 
 @pytest.mark.parametrize(

@@ -118,6 +118,60 @@ def test_a_protective_stop_in_mid_move_ends_the_pick(picker, bench):
     assert state["at_rest_since"] - state["fault_at"] < REST_S
 
 
+@pytest.fixture
+def pair_bench(hosts, fake_robot):
+    """A joypad and a mouse lie there."""
+    host = hosts()
+    scene = ["env.n_objects=2", "env.classes=[joypad,mouse]", "env.objects.seed=0", "env.objects.instances_per_class=2"]
+    with fake_robot(host, *scene, "seed=2", "pace=8") as bench:
+        bench.host = host
+        yield bench
+
+
+def by_length(cloud):
+    """A joypad is longer than a mouse."""
+    away = cloud - cloud.mean(axis=0)
+    along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
+    return ("joypad" if np.ptp(along) > 0.125 else "mouse"), 0.99
+
+
+def pick_while_swapped(bench, target, policy):
+    """A new episode in which somebody reaches in while the hand is on its way."""
+    bench.ask(reset=2)
+    arm, gripper, camera = URArm(bench.host, patience=PATIENCE_S), RobotiqGripper(bench.host), BenchCamera(bench.host)
+    swaps = Interrupts("moving over the object", 3, lambda: bench.provoke("objects_swapped"))
+    try:
+        return Picker(arm, gripper, camera, policy, Workspace(), speed=1.0, record=swaps).pick(target)
+    finally:
+        for each in (arm, gripper, camera):
+            each.close()
+
+
+@pytest.mark.slow
+def test_another_thing_put_where_the_asked_for_one_lay_is_put_back(pair_bench):
+    """The joypad is as wide across as the mouse: only a look at the table says that the hand holds another thing."""
+    target, words = "mouse", "holds something else: the mouse lies where another thing was"
+    policy = ScriptedPolicy(by_length, control_dt=STEP_S)
+    outcome = pick_while_swapped(pair_bench, target, policy)
+    assert policy.log.failures == [words]
+    assert (outcome.lifted, outcome.error) == (True, None)
+    heights = {name: place[2] for name, place in zip(*map(pair_bench.state.get, ("classes", "places")), strict=True)}
+    assert heights["mouse"] > 0.15
+    assert heights["joypad"] < 0.05
+
+    outcome = pick_while_swapped(pair_bench, target, ScriptedPolicy(by_length, control_dt=STEP_S, attempts=1))
+    assert (outcome.lifted, outcome.error, outcome.reason) == (False, None, words)
+    deadline = time.monotonic() + PATIENCE_S
+    while (state := pair_bench.state)["at_rest_since"] is None:
+        assert time.monotonic() < deadline
+    assert max(place[2] for place in state["places"]) < 0.05
+
+
+def test_one_thing_alone_cannot_be_swapped(bench):
+    with pytest.raises(ValueError, match=r"nothing but the plug_adapter lies there: env\.n_objects=2 or more"):
+        bench.provoke("objects_swapped")
+
+
 @pytest.mark.slow
 def test_what_slips_out_while_it_is_lifted_is_noticed_and_picked_up_again(picker, bench):
     policy = ScriptedPolicy(None, control_dt=STEP_S)

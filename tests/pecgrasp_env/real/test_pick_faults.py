@@ -32,7 +32,7 @@ ERRORS = {
     "gripper_stuck": (GripperFault, "fault 14, too much current"),
 }
 IN_TEST_UR = {"lag", "cut", "none"}  # which change nothing
-IN_TEST_PICK = {"object_lost"}  # which the policy mends
+IN_TEST_PICK = {"object_lost", "objects_swapped"}  # which the policy mends
 
 
 class Provokes(NoRecord):
