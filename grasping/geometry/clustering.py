@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def voxel_clusters(points: FloatArray, tolerance: float) -> IntArray:
     return euclidean_clusters(points[first], tolerance)[inverse.reshape(-1)]
 
 
-def by_label(labels: IntArray) -> list[IntArray]:
+def by_label(labels: NDArray[np.integer[Any]]) -> list[IntArray]:
     """Indices of each label from 0 up."""
     if not len(labels) or labels.max() < 0:
         return []
