@@ -67,6 +67,8 @@ class CurvaturePlanner:
     friction: coefficient between pad and object; contacts outside its cone slip.
     headings: number of closing directions that the scan tries over half a turn; candidates are then turned freely.
     max_tilt: of the approach against straight down, rad, where straight down finds nothing; 0 never tilts.
+    min_tilt: with more than 0 the grasps are those of all approaches over a table that are tilted at least so far, rad:
+        for an arm that can carry out none of those straight down.
     n_points: larger clouds are thinned, to boxes of 2.5 mm and, along the approach, 10 mm.
     compiled: whether to plan with the compiled kernels or with their NumPy reference, which finds the same more slowly;
         None takes the kernels where this installation has them (`grasping.compiled`).
@@ -90,6 +92,7 @@ class CurvaturePlanner:
         friction: float = 0.4,
         headings: int = 12,
         max_tilt: float = math.radians(35),
+        min_tilt: float = 0.0,
         n_points: int = 4000,
         compiled: bool | None = None,
         rerank: GraspScores | None = None,
@@ -101,6 +104,7 @@ class CurvaturePlanner:
             ("friction", friction, 0.05, 5.0),
             ("headings", headings, 2, 180),
             ("max_tilt", max_tilt, 0.0, 1.2),
+            ("min_tilt", min_tilt, 0.0, max_tilt),
             ("n_points", n_points, 50, 10**7),
             ("gripper.finger_width", gripper.finger_width, 0.001, 1.0),  # the scan's lines are a third of it
         ):
@@ -112,6 +116,7 @@ class CurvaturePlanner:
         self.friction = friction
         self.headings = headings
         self.max_tilt = max_tilt
+        self.min_tilt = min_tilt
         self.n_points = n_points
         self.rerank = rerank
         if compiled and not AVAILABLE:
@@ -180,17 +185,23 @@ class CurvaturePlanner:
             )
         report: ObjectReport | None = None
         failures: list[str] = []
+        grasps: list[Grasp] = []
+        least = 0.0 if up_vector is None else self.min_tilt
         for view in views:
             ranked, candidates, reason = self._plan_view(view)
             if report is None:
                 measures = self._backend.measure_regions(view, candidates, self.gripper.finger_width)
                 report = report_regions(view, measures, self._rules.greatest_width)
-            if ranked is not None:
-                grasps = self._grasps(view, ranked, report)
-                if self.rerank is not None:
-                    grasps = _reranked(self.rerank, grasps, cloud.T, up_vector, plane)
-                return plan_from(grasps, report.regions, "")
-            failures.append(reason)
+            if ranked is None:
+                failures.append(reason)
+            elif view.tilt >= least:
+                grasps += self._grasps(view, ranked, report)
+                if not least:
+                    break
+        if grasps and report is not None:
+            if self.rerank is not None:
+                grasps = _reranked(self.rerank, grasps, cloud.T, up_vector, plane)
+            return plan_from(grasps, report.regions, "")
         return plan_from([], [] if report is None else report.regions, failures[0])
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from grasping import GraspPlan, GraspPlanner, ModelPlanner, Segmenter
+from grasping import CurvaturePlanner, GraspPlan, GraspPlanner, ModelPlanner, Segmenter
 from grasping.pose.model_planner import told_class
 from grasping.selective import CERTAIN, POSSIBLE, SURE
 from pecgrasp_env.motion.grasp_approach import grasp_to_carry_out, plan_approach
@@ -289,15 +289,20 @@ class PickPlanner:
             [view.obstacles, *(without_rim(each, pushed) if pushed else each for each in neighbours)]
         )
         plane = floor_below(points, view.surface, view.plane)
-        with self._log.timed("plan grasp"):
-            plan: GraspPlan = self._planner_for(objects[chosen], pick.clears).plan(
-                points,
-                up=UP,
-                table=plane,
-                obstacles=others,
-                viewpoint=objects[chosen].viewpoints if len(objects[chosen].viewpoints) else None,
-                unseen=objects[chosen].unseen,
-            )
+        planner = self._planner_for(objects[chosen], pick.clears)
+
+        def grasps(planner: GraspPlanner) -> GraspPlan:
+            with self._log.timed("plan grasp"):
+                return planner.plan(
+                    points,
+                    up=UP,
+                    table=plane,
+                    obstacles=others,
+                    viewpoint=objects[chosen].viewpoints if len(objects[chosen].viewpoints) else None,
+                    unseen=objects[chosen].unseen,
+                )
+
+        plan = grasps(planner)
         self._log.plan, self._log.chosen = plan, chosen
         if plan.source is not None and plan.source.startswith(ModelPlanner.FELL_BACK):
             self._log.doubts.append(f"planned on {plan.source}")
@@ -312,7 +317,14 @@ class PickPlanner:
                 try:
                     approach = plan_approach(plan, points, others, plane, q, view.observation.arm)
                 except MotionError as error:
-                    return replace(planned, reason=f"no motion: {error}")
+                    tilted = _tilting(planner, plan)
+                    if tilted is None or (plan := grasps(tilted)).best is None:
+                        return replace(planned, reason=f"no motion: {error}")
+                    self._log.plan, planned = plan, replace(planned, plan=plan)
+                    try:
+                        approach = plan_approach(plan, points, others, plane, q, view.observation.arm)
+                    except MotionError:
+                        return replace(planned, reason=f"no motion: {error}")
                 T_base_grasp, T_base_tool0 = approach.T_base_grasp, approach.T_base_tool0
                 opening, width = approach.opening, approach.grasp.width
         return replace(
@@ -323,6 +335,17 @@ class PickPlanner:
             width=width,
             opening=opening,
         )
+
+
+def _tilting(planner: GraspPlanner, plan: GraspPlan) -> GraspPlanner | None:
+    """What plans grasps from askew, where the plan has only such from straight above and there is such a planner."""
+    if not isinstance(planner, CurvaturePlanner) or planner.max_tilt <= 0.0:
+        return None
+    if any(grasp.terms["tilt"] > 0.0 for grasp in plan.candidates):
+        return None
+    tilting = copy(planner)
+    tilting.min_tilt = 1e-3
+    return tilting
 
 
 def _bite(pick: PlannedPick) -> float:

@@ -151,6 +151,21 @@ def test_what_stands_under_a_roof_is_held_with_a_tilted_hand_on_sides_that_frict
     assert abs(grasp.pose[2, 0]) < np.sin(np.arctan(0.4))  # the sides are upright, so the pads nearly are
 
 
+def test_tilted_grasps_from_all_sides_are_given_where_they_are_asked_for() -> None:
+    cloud = box_top(0.12, 0.06, 0.09)
+    assert {grasp.terms["tilt"] for grasp in CurvaturePlanner().plan(cloud, up=UP, table=TABLE).candidates} == {0.0}
+    plan = CurvaturePlanner(min_tilt=0.2).plan(cloud, up=UP, table=TABLE)
+    assert len({tuple(np.round(grasp.pose[:3, 2], 3)) for grasp in plan.candidates}) > 1
+    for grasp in plan.candidates:
+        assert 0.2 <= grasp.terms["tilt"] == pytest.approx(axis_angle(grasp.pose[:3, 2], np.array(UP)))
+    assert [grasp.score for grasp in plan.candidates] == sorted(
+        (grasp.score for grasp in plan.candidates), reverse=True
+    )
+    assert len(CurvaturePlanner(min_tilt=0.2).plan(cloud).candidates) == len(CurvaturePlanner().plan(cloud).candidates)
+    with pytest.raises(ConfigError, match="min_tilt"):
+        CurvaturePlanner(min_tilt=0.7)
+
+
 def in_the_palm(grasp: Grasp, others: np.ndarray) -> int:
     """How many points lie where the palm is when the pads touch, or above that place."""
     gripper = ROBOTIQ_2F_140

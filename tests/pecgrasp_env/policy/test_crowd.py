@@ -10,10 +10,12 @@ from grasping import ROBOTIQ_2F_140, CurvaturePlanner
 from grasping.segmentation.scene import Cut
 from pecgrasp_env import ScriptedPolicy
 from pecgrasp_env.envs.task_state import air_below
+from pecgrasp_env.motion.grasp_approach import plan_approach
 from pecgrasp_env.motion.joint_path import MotionError
 from pecgrasp_env.objects import LARS_CLASSES, Catalogue
 from pecgrasp_env.policy.crowd import borne_by, floor_below, lying_on, uppermost_on, without_rim
 from pecgrasp_env.policy.log import PolicyLog
+from pecgrasp_env.policy.observation import RobotObservation
 from pecgrasp_env.policy.perception import View
 from pecgrasp_env.policy.pick_planner import PickPlanner
 from pecgrasp_env.policy.put_down import free_places, plan_put_down
@@ -266,6 +268,21 @@ def test_what_could_be_held_by_its_top_only_is_held_deeper_beside_neighbours_tha
         asked.points, up=[0, 0, 1], table=TABLE, obstacles=np.concatenate([each.points for each in objects[1:]])
     )
     assert free.best.terms["bite"] < 0.5
+
+
+def test_where_the_arm_has_no_room_from_straight_above_the_hand_comes_in_tilted():
+    long = seen(block((0.48, 0.52), (-0.08, 0.08), 0.05), mouse=1.0)
+    posts = np.concatenate([block((0.47, 0.53), (side - 0.02, side + 0.02), 0.25) for side in (-0.13, 0.13)])
+    planner, q = CurvaturePlanner(ROBOTIQ_2F_140), HOME[:6].astype(float)
+    straight = planner.plan(long.points, up=[0, 0, 1], table=TABLE, obstacles=posts)
+    with pytest.raises(MotionError, match="another object is in the arm's way"):  # the camera beside the hand
+        plan_approach(straight, long.points, posts, TABLE, q)
+    view = View(RobotObservation(q, ROBOTIQ_2F_140.stroke, lambda: None), [long], [], [], TABLE, posts)
+    view.__dict__["surface"] = np.zeros((0, 3))
+    pick = PickPlanner(None, planner, None, 0.6, "mouse", PolicyLog()).decide([long], view, q)
+    assert pick.reason is None
+    assert pick.approach.grasp.terms["tilt"] > 0.1
+    assert planner.min_tilt == 0.0
 
 
 def test_places_are_free_where_the_table_was_seen_and_nothing_stands():
