@@ -13,18 +13,23 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from grasping import ROBOTIQ_2F_140, Grasp
+from grasping.viewer.gripper_mesh import gripper_parts
 from pecgrasp_env.policy.observation import DepthFrame, RobotObservation
 from pecgrasp_env.policy.planned_pick import PlannedPick
 from pecgrasp_env.policy.scripted import ScriptedPolicy
 from pecgrasp_env.policy.seen_objects import SeenObject
 from pecgrasp_env.real.errors import library
-from pecgrasp_env.real.pick_drawing import planned_way, scene_points, tips_along, words_of
-from pecgrasp_env.robot.kinematics import T_TOOL0_GRIPPER, forward_kinematics
+from pecgrasp_env.real.pick_drawing import chosen_grasp, planned_way, scene_points, tips_along, words_of
+from pecgrasp_env.real.pick_record import decision_of, lines_of
+from pecgrasp_env.robot.arm_lengths import UR5, ArmLengths
+from pecgrasp_env.robot.kinematics import forward_kinematics, tool0_from_grasp
 
 PORT = 8080
 _SEEN_RGB, _CHOSEN_RGB, _WAY_RGB = (170, 170, 170), (20, 160, 140), (214, 60, 60)
 _EYE, _MIDDLE = (1.15, -0.55, 0.75), (0.5, 0.0, 0.1)  # m, base frame: from where the browser looks first
 _MOST_POINTS = 60_000
+_PLANNED = 0.45  # opacity of a gripper where it is to be
 
 
 class LiveView:
@@ -41,7 +46,11 @@ class LiveView:
         self._server.initial_camera.position, self._server.initial_camera.look_at = _EYE, _MIDDLE
         self._of = of
         self._doing: Any = self._server.gui.add_markdown("")
+        self._server.scene.add_frame("/base", axes_length=0.1, axes_radius=0.003)
+        self._server.scene.add_label("/base/words", "base of the arm")
         self._views, self._drawn = -1, 0
+        self._parts: dict[str, Any] = {}
+        self._grasp: Grasp | None = None
         self._way: np.ndarray | None = None
 
     def frame(self, observation: RobotObservation, frame: DepthFrame) -> None:
@@ -50,8 +59,7 @@ class LiveView:
 
     def step(self, observation: RobotObservation, action: np.ndarray, doing: str) -> None:
         """Where the hand is, and what the policy is about."""
-        T = forward_kinematics(observation.q, observation.arm) @ T_TOOL0_GRIPPER
-        self._pose("/hand", T)
+        self._hand(observation.q, observation.opening, observation.arm)
         if self._of is None:
             return
         log = self._of.log
@@ -64,8 +72,9 @@ class LiveView:
         if way is not None and way is not self._way:
             self._way = way
             self._line(tips_along(way, observation.opening, observation.arm))
-        if log.grasp is not None:
-            self._pose("/grasp", log.grasp.pose)
+        if log.grasp is not None and log.grasp is not self._grasp:
+            self._grasp = log.grasp
+            self._gripper("/grasp", log.grasp.pose, log.grasp.width, _PLANNED)
 
     @property
     def doing(self) -> str:
@@ -74,12 +83,16 @@ class LiveView:
 
     def planned(self, frame: Mapping[str, Any], pick: PlannedPick) -> None:
         """A frame, as `recorded_frames` gives it, and what was made of it."""
+        self._hand(frame["q"], frame["opening"], UR5 if self._of is None else self._of.arm_lengths)
         self._cloud(scene_points(frame["depth"], frame["intrinsics"], frame["T_base_camera"]))
         self._objects(pick.objects, pick.chosen)
         self._line(planned_way(pick))
-        if pick.T_base_grasp is not None:
-            self._pose("/grasp", pick.T_base_grasp)
-        self._doing.content = pick.reason or "planned"
+        grasp = chosen_grasp(pick)
+        if grasp is not None:
+            self._gripper("/grasp", grasp.pose, grasp.width, _PLANNED)
+        for name, part in self._parts.items():
+            part.visible = grasp is not None or not name.startswith("/grasp/")
+        self._doing.content = "\n\n".join(lines_of(decision_of(pick)))
 
     def close(self) -> None:
         self._server.stop()
@@ -100,13 +113,28 @@ class LiveView:
             self._server.scene.add_label(f"/objects/{k}/words", words, position=tuple(map(float, top)))
 
     def _line(self, points: np.ndarray) -> None:
-        if len(points) > 1:
+        if len(points) < 2:
+            self._server.scene.remove_by_name("/way")
+        else:
             pairs = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
             self._server.scene.add_line_segments("/way", pairs, _WAY_RGB)
 
-    def _pose(self, name: str, T: np.ndarray) -> None:
-        turn = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-        self._server.scene.add_frame(name, wxyz=turn, position=T[:3, 3], axes_length=0.06, axes_radius=0.002)
+    def _hand(self, q: np.ndarray, opening: float, arm: ArmLengths) -> None:
+        T_tool0_grasp = np.linalg.inv(tool0_from_grasp(np.eye(4), opening))
+        self._gripper("/hand", forward_kinematics(q, arm) @ T_tool0_grasp, opening, 1.0)
+
+    def _gripper(self, name: str, T_base_grasp: np.ndarray, opening: float, opacity: float) -> None:
+        """To scale, with its pads at that opening, m; drawn once, then moved."""
+        for part in gripper_parts(ROBOTIQ_2F_140, opening):
+            T = T_base_grasp @ part.T_grasp_part
+            turn = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+            key = f"{name}/{part.name}"
+            if key in self._parts:
+                self._parts[key].wxyz, self._parts[key].position = turn, T[:3, 3]
+                continue
+            mesh = part.vertices.astype(np.float32), part.faces.astype(np.uint32)
+            shown = {"color": part.rgb, "flat_shading": True, "opacity": opacity if opacity < 1 else None}
+            self._parts[key] = self._server.scene.add_mesh_simple(key, *mesh, **shown, wxyz=turn, position=T[:3, 3])
 
 
 def _colour(k: int) -> np.ndarray:

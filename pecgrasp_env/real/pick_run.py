@@ -100,7 +100,8 @@ def _look(
     decision = decision_of(pick)
     record.decided(decision)
     if view is not None:
-        view.planned({**frame._asdict(), "T_base_camera": observation.T_base_camera}, pick)
+        moment = {"T_base_camera": observation.T_base_camera, "q": observation.q, "opening": observation.opening}
+        view.planned(frame._asdict() | moment, pick)
     for line in lines_of(decision):
         say(line)
     if pick.approach is not None:
